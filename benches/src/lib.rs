@@ -1,0 +1,1 @@
+//! Time per stage and accuracy on every set.

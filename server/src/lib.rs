@@ -1,0 +1,1 @@
+//! The ground station: HTTP, WebSocket, store, jobs.

@@ -1,0 +1,13 @@
+//! Minimal solvers, robust estimation, bundle adjustment.
+
+pub mod absolute_pose;
+pub mod bundle_adjustment;
+pub mod ransac;
+pub mod solvers;
+pub mod two_view;
+
+pub use absolute_pose::{AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, estimate_absolute_pose};
+pub use bundle_adjustment::{
+    BundleError, BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, adjust_bundle,
+};
+pub use two_view::{TwoViewOptions, estimate_two_view_geometry};

@@ -1,0 +1,1 @@
+//! Random samples and their scoring, independent of the model.

@@ -1,0 +1,9 @@
+//! Keypoints, descriptors, matching and retrieval.
+
+pub mod matching;
+pub mod retrieval;
+pub mod sift;
+
+pub use matching::{MatchOptions, PackedDescriptors, match_features, match_guided};
+pub use retrieval::{GlobalDescriptor, global_descriptor};
+pub use sift::{SiftOptions, detect_and_describe};

@@ -1,0 +1,1 @@
+//! Bytes to scene and back.

@@ -1,0 +1,559 @@
+//! Camera models under COLMAP's names and parameter order.
+
+use nalgebra::{Matrix2, Matrix2x3, Point2, Point3, SMatrix, Unit, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Most parameters of any model ([`CameraModel::FullOpenCv`]).
+pub const MAX_CAMERA_PARAMS: usize = 12;
+
+/// Newton steps of [`Camera::unproject`]; it converges quadratically, so few are ever taken.
+const MAX_UNDISTORT_ITERATIONS: usize = 50;
+
+/// How a direction in the camera frame becomes a pixel. Names and parameter order are COLMAP's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum CameraModel {
+    /// `f, cx, cy`
+    #[serde(rename = "SIMPLE_PINHOLE")]
+    SimplePinhole,
+    /// `fx, fy, cx, cy`
+    #[serde(rename = "PINHOLE")]
+    Pinhole,
+    /// `f, cx, cy, k`
+    #[serde(rename = "SIMPLE_RADIAL")]
+    SimpleRadial,
+    /// `f, cx, cy, k1, k2`
+    #[serde(rename = "RADIAL")]
+    Radial,
+    /// `fx, fy, cx, cy, k1, k2, p1, p2`
+    #[serde(rename = "OPENCV")]
+    OpenCv,
+    /// `fx, fy, cx, cy, k1, k2, k3, k4`
+    #[serde(rename = "OPENCV_FISHEYE")]
+    OpenCvFisheye,
+    /// `fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6`
+    #[serde(rename = "FULL_OPENCV")]
+    FullOpenCv,
+}
+
+impl CameraModel {
+    /// Every model.
+    pub const ALL: [Self; 7] = [
+        Self::SimplePinhole,
+        Self::Pinhole,
+        Self::SimpleRadial,
+        Self::Radial,
+        Self::OpenCv,
+        Self::OpenCvFisheye,
+        Self::FullOpenCv,
+    ];
+
+    /// COLMAP's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SimplePinhole => "SIMPLE_PINHOLE",
+            Self::Pinhole => "PINHOLE",
+            Self::SimpleRadial => "SIMPLE_RADIAL",
+            Self::Radial => "RADIAL",
+            Self::OpenCv => "OPENCV",
+            Self::OpenCvFisheye => "OPENCV_FISHEYE",
+            Self::FullOpenCv => "FULL_OPENCV",
+        }
+    }
+
+    /// The model of COLMAP's name, if there is one.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|model| model.name() == name)
+    }
+
+    /// COLMAP's number in binary files.
+    pub fn colmap_id(self) -> i32 {
+        match self {
+            Self::SimplePinhole => 0,
+            Self::Pinhole => 1,
+            Self::SimpleRadial => 2,
+            Self::Radial => 3,
+            Self::OpenCv => 4,
+            Self::OpenCvFisheye => 5,
+            Self::FullOpenCv => 6,
+        }
+    }
+
+    /// Number of parameters.
+    pub fn num_params(self) -> usize {
+        match self {
+            Self::SimplePinhole => 3,
+            Self::Pinhole | Self::SimpleRadial => 4,
+            Self::Radial => 5,
+            Self::OpenCv | Self::OpenCvFisheye => 8,
+            Self::FullOpenCv => 12,
+        }
+    }
+
+    /// Number of leading focal lengths: 1 (shared) or 2 (`fx`, `fy`).
+    pub fn num_focals(self) -> usize {
+        match self {
+            Self::SimplePinhole | Self::SimpleRadial | Self::Radial => 1,
+            _ => 2,
+        }
+    }
+
+    /// Index of the first distortion parameter: focal lengths, then `cx, cy`, then distortion.
+    pub fn distortion_start(self) -> usize {
+        self.num_focals() + 2
+    }
+}
+
+/// Why a camera was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// The parameter list has the wrong length for the model.
+    #[error("{model} takes {expected} parameters, got {got}")]
+    WrongNumParams {
+        /// COLMAP's name.
+        model: &'static str,
+        /// What it takes.
+        expected: usize,
+        /// What came.
+        got: usize,
+    },
+    /// A parameter is not finite or a focal length is not positive.
+    #[error("camera parameter {index} is {value}: focal lengths must be positive, all finite")]
+    BadParam {
+        /// Position in the list.
+        index: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// The image has no pixels.
+    #[error("camera image size {width} x {height} is empty")]
+    EmptyImage {
+        /// Pixels.
+        width: u32,
+        /// Pixels.
+        height: u32,
+    },
+}
+
+/// Intrinsics of one camera; pixels, first pixel center (0.5, 0.5).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// How directions become pixels.
+    pub model: CameraModel,
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Parameters in COLMAP's order; those past [`CameraModel::num_params`] are zero.
+    params: [f64; MAX_CAMERA_PARAMS],
+}
+
+/// A projection with its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Pixels.
+    pub pixel: Point2<f64>,
+    /// d pixel / d point in the camera frame.
+    pub d_point: Matrix2x3<f64>,
+    /// d pixel / d parameters; columns past [`CameraModel::num_params`] are zero.
+    pub d_params: SMatrix<f64, 2, MAX_CAMERA_PARAMS>,
+}
+
+/// Distorted normalized coordinates with derivatives.
+struct Distorted {
+    uv: Vector2<f64>,
+    d_xy: Matrix2<f64>,
+    /// Columns are distortion parameters, in order.
+    d_k: [Vector2<f64>; 8],
+}
+
+impl Camera {
+    /// A checked camera.
+    ///
+    /// # Errors
+    ///
+    /// [`CameraError`] for a wrong number of parameters, non-finite values, focal lengths that
+    /// are not positive, or an empty image.
+    pub fn new(
+        model: CameraModel,
+        width: u32,
+        height: u32,
+        params: &[f64],
+    ) -> Result<Self, CameraError> {
+        if params.len() != model.num_params() {
+            return Err(CameraError::WrongNumParams {
+                model: model.name(),
+                expected: model.num_params(),
+                got: params.len(),
+            });
+        }
+        if width == 0 || height == 0 {
+            return Err(CameraError::EmptyImage { width, height });
+        }
+        let mut all = [0.0; MAX_CAMERA_PARAMS];
+        for (index, &value) in params.iter().enumerate() {
+            if !value.is_finite() || (index < model.num_focals() && value <= 0.0) {
+                return Err(CameraError::BadParam { index, value });
+            }
+            all[index] = value;
+        }
+        Ok(Self { model, width, height, params: all })
+    }
+
+    /// A camera of `model` with focal length `focal_px`, the principal point in the image center
+    /// and no distortion (P21).
+    pub fn from_focal(
+        model: CameraModel,
+        width: u32,
+        height: u32,
+        focal_px: f64,
+    ) -> Result<Self, CameraError> {
+        let mut params = vec![0.0; model.num_params()];
+        params[..model.num_focals()].fill(focal_px);
+        params[model.num_focals()] = f64::from(width) / 2.0;
+        params[model.num_focals() + 1] = f64::from(height) / 2.0;
+        Self::new(model, width, height, &params)
+    }
+
+    /// Parameters in COLMAP's order.
+    pub fn params(&self) -> &[f64] {
+        &self.params[..self.model.num_params()]
+    }
+
+    /// Parameters in COLMAP's order, for an optimizer.
+    pub fn params_mut(&mut self) -> &mut [f64] {
+        &mut self.params[..self.model.num_params()]
+    }
+
+    /// Focal lengths `(fx, fy)`, pixels.
+    pub fn focal(&self) -> Vector2<f64> {
+        Vector2::new(self.params[0], self.params[self.model.num_focals() - 1])
+    }
+
+    /// Mean of the focal lengths, pixels: turns angles into pixels.
+    pub fn mean_focal(&self) -> f64 {
+        self.focal().mean()
+    }
+
+    /// Principal point, pixels.
+    pub fn principal_point(&self) -> Point2<f64> {
+        let start = self.model.num_focals();
+        Point2::new(self.params[start], self.params[start + 1])
+    }
+
+    /// The calibration matrix `K` (without distortion).
+    pub fn calibration_matrix(&self) -> nalgebra::Matrix3<f64> {
+        let (f, c) = (self.focal(), self.principal_point());
+        nalgebra::Matrix3::new(f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0)
+    }
+
+    /// Horizontal field of view without distortion, radians.
+    pub fn horizontal_fov(&self) -> f64 {
+        2.0 * (f64::from(self.width) / (2.0 * self.focal().x)).atan()
+    }
+
+    /// The same lens behind an image scaled by `scale` (pixels of the new image per pixel).
+    pub fn scaled(&self, scale: f64, width: u32, height: u32) -> Self {
+        let mut camera = Self { width, height, ..*self };
+        for value in &mut camera.params[..self.model.distortion_start()] {
+            *value *= scale;
+        }
+        camera
+    }
+
+    /// Whether a pixel lies in the image.
+    pub fn contains(&self, pixel: &Point2<f64>) -> bool {
+        pixel.x >= 0.0
+            && pixel.y >= 0.0
+            && pixel.x < f64::from(self.width)
+            && pixel.y < f64::from(self.height)
+    }
+
+    /// Pixel of a point in the camera frame, `None` unless it lies in front of the camera.
+    pub fn project(&self, point_in_cam: &Point3<f64>) -> Option<Point2<f64>> {
+        if point_in_cam.z <= f64::EPSILON {
+            return None;
+        }
+        Some(self.pixel_from_normalized(&Vector2::new(
+            point_in_cam.x / point_in_cam.z,
+            point_in_cam.y / point_in_cam.z,
+        )))
+    }
+
+    /// Pixel of undistorted normalized coordinates `(x/z, y/z)`.
+    pub fn pixel_from_normalized(&self, xy: &Vector2<f64>) -> Point2<f64> {
+        let uv = self.distort(xy).uv;
+        self.principal_point() + uv.component_mul(&self.focal())
+    }
+
+    /// [`Self::project`] with derivatives.
+    pub fn project_with_jacobians(&self, point_in_cam: &Point3<f64>) -> Option<Projection> {
+        if point_in_cam.z <= f64::EPSILON {
+            return None;
+        }
+        let z_inv = 1.0 / point_in_cam.z;
+        let xy = Vector2::new(point_in_cam.x * z_inv, point_in_cam.y * z_inv);
+        let distorted = self.distort(&xy);
+        let focal = self.focal();
+        let pixel = self.principal_point() + distorted.uv.component_mul(&focal);
+
+        let d_uv = Matrix2::from_diagonal(&focal) * distorted.d_xy;
+        let d_xy_d_point =
+            Matrix2x3::new(z_inv, 0.0, -xy.x * z_inv, 0.0, z_inv, -xy.y * z_inv);
+
+        let mut d_params = SMatrix::<f64, 2, MAX_CAMERA_PARAMS>::zeros();
+        let num_focals = self.model.num_focals();
+        d_params[(0, 0)] = distorted.uv.x;
+        d_params[(1, num_focals - 1)] = distorted.uv.y;
+        d_params[(0, num_focals)] = 1.0;
+        d_params[(1, num_focals + 1)] = 1.0;
+        let start = self.model.distortion_start();
+        for column in start..self.model.num_params() {
+            d_params
+                .set_column(column, &distorted.d_k[column - start].component_mul(&focal));
+        }
+        Some(Projection { pixel, d_point: d_uv * d_xy_d_point, d_params })
+    }
+
+    /// Undistorted normalized coordinates `(x/z, y/z)` of a pixel, `None` where the distortion
+    /// cannot be inverted (outside the part of the image that the lens model describes).
+    pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector2<f64>> {
+        let uv = (pixel - self.principal_point()).component_div(&self.focal());
+        if matches!(self.model, CameraModel::SimplePinhole | CameraModel::Pinhole) {
+            return Some(uv);
+        }
+        let mut xy = if self.model == CameraModel::OpenCvFisheye {
+            // Start from the equidistant lens: r = tan θ_d.
+            let theta = uv.norm().min(std::f64::consts::FRAC_PI_2 - 1e-3);
+            if theta > 1e-9 { uv * (theta.tan() / uv.norm()) } else { uv }
+        } else {
+            uv
+        };
+        for _ in 0..MAX_UNDISTORT_ITERATIONS {
+            let distorted = self.distort(&xy);
+            let step = distorted.d_xy.try_inverse()? * (distorted.uv - uv);
+            xy -= step;
+            if !xy.x.is_finite() || !xy.y.is_finite() {
+                return None;
+            }
+            if step.norm_squared() < 1e-20 * (1.0 + xy.norm_squared()) {
+                // Past the fold of a polynomial the model maps two rays onto one pixel.
+                // Both eigenvalues stay positive up to the fold.
+                let d = self.distort(&xy).d_xy;
+                return (d.determinant() > 0.0 && d.trace() > 0.0).then_some(xy);
+            }
+        }
+        None
+    }
+
+    /// Unit ray in the camera frame through a pixel.
+    pub fn bearing(&self, pixel: &Point2<f64>) -> Option<Unit<Vector3<f64>>> {
+        self.unproject(pixel).map(|xy| Unit::new_normalize(Vector3::new(xy.x, xy.y, 1.0)))
+    }
+
+    /// Distortion in normalized coordinates with derivatives.
+    fn distort(&self, xy: &Vector2<f64>) -> Distorted {
+        let k = &self.params[self.model.distortion_start()..];
+        let (x, y) = (xy.x, xy.y);
+        let r2 = x * x + y * y;
+        let mut d_k = [Vector2::zeros(); 8];
+        match self.model {
+            CameraModel::SimplePinhole | CameraModel::Pinhole => {
+                Distorted { uv: *xy, d_xy: Matrix2::identity(), d_k }
+            }
+            CameraModel::SimpleRadial | CameraModel::Radial => {
+                let k2 = if self.model == CameraModel::Radial { k[1] } else { 0.0 };
+                let radial = 1.0 + r2 * (k[0] + r2 * k2);
+                let d_radial_d_r2 = k[0] + 2.0 * k2 * r2;
+                d_k[0] = xy * r2;
+                d_k[1] = xy * (r2 * r2);
+                Distorted { uv: xy * radial, d_xy: radial_jacobian(xy, radial, d_radial_d_r2), d_k }
+            }
+            CameraModel::OpenCv => {
+                let (k1, k2, p1, p2) = (k[0], k[1], k[2], k[3]);
+                let radial = 1.0 + r2 * (k1 + r2 * k2);
+                d_k[0] = xy * r2;
+                d_k[1] = xy * (r2 * r2);
+                let (tangential, d_tangential, d_p) = tangential(xy, p1, p2);
+                [d_k[2], d_k[3]] = d_p;
+                Distorted {
+                    uv: xy * radial + tangential,
+                    d_xy: radial_jacobian(xy, radial, k1 + 2.0 * k2 * r2) + d_tangential,
+                    d_k,
+                }
+            }
+            CameraModel::FullOpenCv => {
+                let (k1, k2, p1, p2, k3) = (k[0], k[1], k[2], k[3], k[4]);
+                let (k4, k5, k6) = (k[5], k[6], k[7]);
+                let numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+                let denominator = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+                let radial = numerator / denominator;
+                let d_numerator = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);
+                let d_denominator = k4 + r2 * (2.0 * k5 + 3.0 * r2 * k6);
+                let d_radial_d_r2 = (d_numerator - radial * d_denominator) / denominator;
+                let powers = [r2, r2 * r2, r2 * r2 * r2];
+                let (tangential, d_tangential, d_p) = tangential(xy, p1, p2);
+                d_k[0] = xy * (powers[0] / denominator);
+                d_k[1] = xy * (powers[1] / denominator);
+                [d_k[2], d_k[3]] = d_p;
+                d_k[4] = xy * (powers[2] / denominator);
+                for (index, power) in powers.iter().enumerate() {
+                    d_k[5 + index] = xy * (-radial * power / denominator);
+                }
+                Distorted {
+                    uv: xy * radial + tangential,
+                    d_xy: radial_jacobian(xy, radial, d_radial_d_r2) + d_tangential,
+                    d_k,
+                }
+            }
+            CameraModel::OpenCvFisheye => {
+                // θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), uv = xy θ_d / r.
+                let r = r2.sqrt();
+                let theta = r.atan();
+                let theta2 = theta * theta;
+                let polynomial =
+                    1.0 + theta2 * (k[0] + theta2 * (k[1] + theta2 * (k[2] + theta2 * k[3])));
+                let (ratio, d_ratio_d_r2, theta_over_r) = if r < 1e-6 {
+                    // Series of atan(r)/r; the quotient below loses its digits at the center.
+                    (1.0 + (k[0] - 1.0 / 3.0) * r2, k[0] - 1.0 / 3.0, 1.0)
+                } else {
+                    let theta_d = theta * polynomial;
+                    let d_theta_d = 1.0
+                        + theta2
+                            * (3.0 * k[0]
+                                + theta2
+                                    * (5.0 * k[1] + theta2 * (7.0 * k[2] + theta2 * 9.0 * k[3])));
+                    let d_theta_d_r = d_theta_d / (1.0 + r2);
+                    (
+                        theta_d / r,
+                        (d_theta_d_r - theta_d / r) / (2.0 * r2),
+                        theta / r,
+                    )
+                };
+                let mut power = theta_over_r;
+                for d in d_k.iter_mut().take(4) {
+                    power *= theta2;
+                    *d = xy * power;
+                }
+                Distorted { uv: xy * ratio, d_xy: radial_jacobian(xy, ratio, d_ratio_d_r2), d_k }
+            }
+        }
+    }
+}
+
+/// d (xy · radial(r²)) / d xy.
+fn radial_jacobian(xy: &Vector2<f64>, radial: f64, d_radial_d_r2: f64) -> Matrix2<f64> {
+    Matrix2::identity() * radial + (xy * xy.transpose()) * (2.0 * d_radial_d_r2)
+}
+
+/// Brown's tangential distortion, its Jacobian, and its derivatives by `p1`, `p2`.
+fn tangential(
+    xy: &Vector2<f64>,
+    p1: f64,
+    p2: f64,
+) -> (Vector2<f64>, Matrix2<f64>, [Vector2<f64>; 2]) {
+    let (x, y) = (xy.x, xy.y);
+    let r2 = x * x + y * y;
+    let d_p1 = Vector2::new(2.0 * x * y, r2 + 2.0 * y * y);
+    let d_p2 = Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y);
+    let jacobian = Matrix2::new(
+        2.0 * p1 * y + 6.0 * p2 * x,
+        2.0 * p1 * x + 2.0 * p2 * y,
+        2.0 * p1 * x + 2.0 * p2 * y,
+        6.0 * p1 * y + 2.0 * p2 * x,
+    );
+    (d_p1 * p1 + d_p2 * p2, jacobian, [d_p1, d_p2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(model: CameraModel) -> Camera {
+        let distortion: &[f64] = match model {
+            CameraModel::SimplePinhole | CameraModel::Pinhole => &[],
+            CameraModel::SimpleRadial => &[-0.12],
+            CameraModel::Radial => &[-0.12, 0.05],
+            CameraModel::OpenCv => &[-0.12, 0.05, 0.002, -0.003],
+            CameraModel::OpenCvFisheye => &[-0.02, 0.01, -0.004, 0.001],
+            CameraModel::FullOpenCv => &[-0.12, 0.05, 0.002, -0.003, 0.02, 0.01, 0.003, 0.002],
+        };
+        let mut params = vec![500.0, 510.0];
+        params.truncate(model.num_focals());
+        params.extend([321.0, 238.0]);
+        params.extend(distortion);
+        Camera::new(model, 640, 480, &params).unwrap()
+    }
+
+    const POINTS: [[f64; 3]; 4] =
+        [[0.3, -0.2, 1.5], [0.0, 0.0, 2.0], [-1.0, 0.7, 2.2], [1e-8, 2e-8, 1.0]];
+
+    #[test]
+    fn jacobians_equal_central_differences() {
+        for model in CameraModel::ALL {
+            let camera = camera(model);
+            for point in POINTS.map(Point3::from) {
+                let projection = camera.project_with_jacobians(&point).unwrap();
+                let plain = camera.project(&point).unwrap();
+                assert!((projection.pixel - plain).norm() < 1e-10);
+                let h = 1e-6;
+                for axis in 0..3 {
+                    let mut step = Vector3::zeros();
+                    step[axis] = h;
+                    let numeric = (camera.project(&(point + step)).unwrap()
+                        - camera.project(&(point - step)).unwrap())
+                        / (2.0 * h);
+                    let analytic = projection.d_point.column(axis);
+                    assert!((numeric - analytic).norm() < 1e-5, "{model:?} axis {axis}");
+                }
+                for index in 0..model.num_params() {
+                    let (mut plus, mut minus) = (camera, camera);
+                    plus.params[index] += h;
+                    minus.params[index] -= h;
+                    let numeric = (plus.project(&point).unwrap() - minus.project(&point).unwrap())
+                        / (2.0 * h);
+                    let analytic = projection.d_params.column(index);
+                    assert!((numeric - analytic).norm() < 1e-5, "{model:?} parameter {index}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn unproject_inverts_project() {
+        for model in CameraModel::ALL {
+            let camera = camera(model);
+            for u in (0..=640).step_by(80) {
+                for v in (0..=480).step_by(80) {
+                    let pixel = Point2::new(f64::from(u), f64::from(v));
+                    let xy = camera.unproject(&pixel).unwrap();
+                    let back = camera.pixel_from_normalized(&xy);
+                    assert!((back - pixel).norm() < 1e-7, "{model:?} {pixel}");
+                }
+            }
+        }
+    }
+
+    /// A strong negative k1 folds the image over: no ray may be claimed beyond the fold.
+    #[test]
+    fn no_ray_beyond_the_fold() {
+        let camera =
+            Camera::new(CameraModel::SimpleRadial, 640, 480, &[300.0, 320.0, 240.0, -0.9]).unwrap();
+        assert_eq!(camera.unproject(&Point2::new(640.0, 480.0)), None);
+    }
+
+    #[test]
+    fn points_behind_have_no_pixel() {
+        for model in CameraModel::ALL {
+            assert_eq!(camera(model).project(&Point3::new(0.1, 0.1, -1.0)), None);
+        }
+    }
+
+    #[test]
+    fn bad_parameters_are_refused() {
+        let refuse = |params: &[f64]| Camera::new(CameraModel::Pinhole, 640, 480, params).is_err();
+        assert!(refuse(&[500.0, 500.0, 320.0]));
+        assert!(refuse(&[0.0, 500.0, 320.0, 240.0]));
+        assert!(refuse(&[f64::NAN, 500.0, 320.0, 240.0]));
+        assert!(!refuse(&[500.0, 500.0, 320.0, 240.0]));
+    }
+}

@@ -1,0 +1,17 @@
+//! Transforms, cameras, epipolar geometry, triangulation, frames.
+//!
+//! Camera axes: x right, y down, z forward. Pixels: corners at integers, the center of the first
+//! pixel is (0.5, 0.5). Transforms are named `b_from_a`: `x_in_b = b_from_a * x_in_a`.
+
+pub mod alignment;
+pub mod camera;
+pub mod epipolar;
+pub mod frames;
+pub mod triangulation;
+
+pub use alignment::{AlignError, similarity_from_points};
+pub use camera::{Camera, CameraError, CameraModel, MAX_CAMERA_PARAMS, Projection};
+pub use nalgebra::{
+    Isometry3, Matrix3, Point2, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion,
+    Vector2, Vector3,
+};

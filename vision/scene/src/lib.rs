@@ -1,0 +1,22 @@
+//! The nouns of a reconstruction, in the order of the data.
+
+pub mod features;
+pub mod image;
+pub mod map;
+pub mod matches;
+pub mod priors;
+pub mod progress;
+pub mod sparse;
+
+pub use features::{DESCRIPTOR_LEN, Descriptor, Features, Keypoint};
+pub use image::{CameraId, GrayImage, ImageId, ImageSize, PointId};
+pub use map::{
+    EnvironmentMap, Gravity, GravitySource, OriginRule, Quality, QualityReason, Scale, ScaleSource,
+    Verdict,
+};
+pub use matches::{FeatureMatch, TwoViewGeometry, TwoViewKind};
+pub use priors::{AttitudePrior, HeightPrior, ImagePrior, KnownDistance, PositionPrior};
+pub use progress::{Cancelled, NoProgress, Progress, Stage};
+pub use sparse::{
+    Observation, Point3d, RegisteredImage, SparseModel, UnplacedImage, UnplacedReason,
+};

@@ -1,0 +1,1 @@
+//! Rendered rooms and flights with exact ground truth.
