@@ -1,1 +1,32 @@
 //! A folder of photos to a folder with a map, stage by stage, resumable.
+
+use std::path::Path;
+
+use volery_scene::Progress;
+
+pub mod error;
+pub mod map_folder;
+pub mod spec;
+pub mod summary;
+
+pub use error::PipelineError;
+pub use map_folder::{MapFolder, MapInfo};
+pub use spec::{CameraSpec, ImageInput, JobSpec, Preset, StageGroup};
+pub use summary::Summary;
+
+/// Photos to a map folder.
+///
+/// * `work_dir` keeps finished units under the hash of what they were made from; a second run
+///   with the same folder goes on where the first one stopped.
+/// * `out_dir` gets the files of [`map_folder::file`], each written whole or not at all; `map.json`
+///   is the last.
+/// * Equal photos, options and seed give equal bytes (all files but `report.*`).
+pub fn reconstruct(
+    spec: &JobSpec,
+    work_dir: &Path,
+    out_dir: &Path,
+    progress: &dyn Progress,
+) -> Result<Summary, PipelineError> {
+    let _ = (spec, work_dir, out_dir, progress);
+    todo!()
+}

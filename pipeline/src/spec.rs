@@ -1,0 +1,122 @@
+//! What a reconstruction is asked to do.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use volery_geometry::{Camera, CameraError, CameraModel};
+use volery_scene::{ImagePrior, KnownDistance, OriginRule};
+
+/// Intrinsics in a file: COLMAP's model name and parameter order, first pixel center (0.5, 0.5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSpec {
+    /// COLMAP's name.
+    pub model: CameraModel,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// COLMAP's order.
+    pub params: Vec<f64>,
+}
+
+impl CameraSpec {
+    /// The checked camera.
+    pub fn camera(&self) -> Result<Camera, CameraError> {
+        Camera::new(self.model, self.width, self.height, &self.params)
+    }
+}
+
+impl From<&Camera> for CameraSpec {
+    fn from(camera: &Camera) -> Self {
+        Self {
+            model: camera.model,
+            width: camera.width,
+            height: camera.height,
+            params: camera.params().to_vec(),
+        }
+    }
+}
+
+/// One photo of a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageInput {
+    /// Unique name; the order of the images is the order of capture.
+    pub name: String,
+    /// Its bytes.
+    pub path: PathBuf,
+    /// Its calibration; kept fixed. Otherwise [`JobSpec::camera`], EXIF or a guess.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraSpec>,
+    /// What else is known of it.
+    #[serde(default)]
+    pub prior: ImagePrior,
+}
+
+/// How much effort a map is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Small images and few features: a look.
+    Fast,
+    /// The default.
+    #[default]
+    Balanced,
+    /// Full-size images, more features and pairs.
+    Best,
+}
+
+/// Parts of the way from photos to a full environment map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StageGroup {
+    /// Photos to a sparse metric map.
+    Sfm,
+}
+
+/// A reconstruction, as `job.json` holds it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JobSpec {
+    /// Photos in the order of capture.
+    pub images: Vec<ImageInput>,
+    /// Calibration of all photos that have none of their own; kept fixed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraSpec>,
+    /// Measured distances between cameras.
+    #[serde(default)]
+    pub known_distances: Vec<KnownDistance>,
+    /// Effort.
+    #[serde(default)]
+    pub preset: Preset,
+    /// Of all random choices.
+    #[serde(default)]
+    pub seed: u64,
+    /// Which point becomes the origin; `None` keeps the frame of position priors if there are
+    /// any and else takes the last camera.
+    #[serde(default)]
+    pub origin: Option<OriginRule>,
+    /// Photos are made smaller until no side is longer, pixels; `None` leaves it to the preset.
+    #[serde(default)]
+    pub max_image_size: Option<u32>,
+    /// Empty means all there are.
+    #[serde(default)]
+    pub stages: Vec<StageGroup>,
+}
+
+impl JobSpec {
+    /// A job over `images` with every option at its default.
+    pub fn new(images: Vec<ImageInput>) -> Self {
+        Self {
+            images,
+            camera: None,
+            known_distances: Vec::new(),
+            preset: Preset::default(),
+            seed: 0,
+            origin: None,
+            max_image_size: None,
+            stages: Vec::new(),
+        }
+    }
+}

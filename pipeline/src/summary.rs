@@ -1,0 +1,136 @@
+//! What came of a reconstruction: the content of `report.json`.
+
+use serde::{Deserialize, Serialize};
+use volery_scene::{Gravity, OriginRule, Quality, Scale, UnplacedReason, Verdict};
+
+use crate::spec::CameraSpec;
+
+/// Something the user should know.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Warning {
+    /// Stable.
+    pub code: String,
+    /// For people.
+    pub detail: String,
+    /// What to do about it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
+}
+
+/// Whether and why an image has its pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ImageReport {
+    /// As given.
+    pub name: String,
+    /// Whether it has a pose in the map.
+    pub registered: bool,
+    /// Why not.
+    pub reason: Option<UnplacedReason>,
+    /// For people, e.g. what is wrong with its bytes.
+    pub detail: Option<String>,
+    /// Name of the image whose bytes it repeats.
+    pub duplicate_of: Option<String>,
+    /// Features found.
+    pub num_features: usize,
+    /// Features that see a point of the map.
+    pub num_observations: usize,
+    /// Mean reprojection error of the points it sees, pixels.
+    pub reprojection_px: Option<f64>,
+}
+
+/// Where a camera's first intrinsics came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraSource {
+    /// A calibration; kept fixed.
+    Given,
+    /// EXIF; refined.
+    Exif,
+    /// 1.2 times the longer side; refined.
+    Guess,
+}
+
+/// A camera of the map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraReport {
+    /// Where it started.
+    pub source: CameraSource,
+    /// Focal length at the start, pixels of the original image.
+    pub initial_focal_px: f64,
+    /// As it ended.
+    pub camera: CameraSpec,
+    /// Number of images taken with it.
+    pub num_images: usize,
+}
+
+/// Time of one stage.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StageReport {
+    /// Name of the stage.
+    pub name: String,
+    /// Wall-clock seconds.
+    pub wall_s: f64,
+    /// CPU seconds of the process.
+    pub cpu_s: f64,
+    /// Units of work: images, pairs, ...
+    pub units: usize,
+    /// Units that came from the cache.
+    pub cached: usize,
+}
+
+/// What came of a reconstruction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Of this software.
+    pub version: String,
+    /// Photos given.
+    pub num_images: usize,
+    /// Photos with a pose in the map.
+    pub num_registered: usize,
+    /// Points of the map.
+    pub num_points: usize,
+    /// Sightings of points.
+    pub num_observations: usize,
+    /// Mean over the observations, pixels.
+    pub mean_reprojection_px: Option<f64>,
+    /// Mean number of images that see a point.
+    pub mean_track_length: Option<f64>,
+    /// Image pairs with a verified geometry.
+    pub num_verified_pairs: usize,
+    /// Smaller parts that could not be tied to the map.
+    pub num_zones: usize,
+    /// Whose model was kept: `incremental` or `global`.
+    pub mapper: String,
+    /// Metric scale with its proof.
+    pub scale: Scale,
+    /// Gravity with its proof.
+    pub gravity: Gravity,
+    /// Rule of the origin.
+    pub origin: OriginRule,
+    /// How far to trust the map.
+    pub quality: Quality,
+    /// Cameras in the order of their ids.
+    pub cameras: Vec<CameraReport>,
+    /// Photos in the order given.
+    pub images: Vec<ImageReport>,
+    /// In the order they ran.
+    pub stages: Vec<StageReport>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+    /// What would make the next capture better.
+    pub advice: Vec<String>,
+    /// Whole run, seconds.
+    pub wall_s: f64,
+    /// Whole run, seconds over all cores.
+    pub cpu_s: f64,
+    /// Largest resident set of the process so far, MiB.
+    pub peak_rss_mib: Option<f64>,
+}
+
+impl Summary {
+    /// Whether the map is good and holds nearly all photos.
+    pub fn is_complete(&self) -> bool {
+        let usable = self.images.iter().filter(|i| i.duplicate_of.is_none()).count();
+        self.quality.verdict == Verdict::Good && self.num_registered * 10 >= usable * 9
+    }
+}
