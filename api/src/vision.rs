@@ -1,0 +1,344 @@
+//! Cameras, priors, alignment and poses on the wire.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Intrinsics under COLMAP's names and parameter order, first pixel center at (0.5, 0.5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// `SIMPLE_PINHOLE`, `PINHOLE`, `SIMPLE_RADIAL`, `RADIAL`, `OPENCV`, `OPENCV_FISHEYE` or
+    /// `FULL_OPENCV`.
+    pub model: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// In the order of the model, pixels for focal lengths and principal point.
+    pub params: Vec<f64>,
+}
+
+/// A camera model and the order of its parameters.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct CameraModel {
+    /// COLMAP's name.
+    pub model: String,
+    /// Names in order.
+    pub params: Vec<String>,
+}
+
+/// Models with the order of their parameters.
+pub const CAMERA_MODELS: [(&str, &[&str]); 7] = [
+    ("SIMPLE_PINHOLE", &["f", "cx", "cy"]),
+    ("PINHOLE", &["fx", "fy", "cx", "cy"]),
+    ("SIMPLE_RADIAL", &["f", "cx", "cy", "k1"]),
+    ("RADIAL", &["f", "cx", "cy", "k1", "k2"]),
+    ("OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]),
+    ("OPENCV_FISHEYE", &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"]),
+    ("FULL_OPENCV", &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]),
+];
+
+impl Camera {
+    /// What is wrong with it, if anything: unknown model, wrong number of parameters, sizes or
+    /// focal lengths that cannot be.
+    pub fn problem(&self) -> Option<String> {
+        let Some((_, names)) = CAMERA_MODELS.iter().find(|(name, _)| *name == self.model) else {
+            return Some(format!("unknown camera model {:?}", self.model));
+        };
+        if self.params.len() != names.len() {
+            let (model, got) = (&self.model, self.params.len());
+            return Some(format!("{model} takes {} parameters, got {got}", names.len()));
+        }
+        if self.width == 0 || self.height == 0 || self.width.max(self.height) > 65_535 {
+            return Some(format!("impossible size {} x {}", self.width, self.height));
+        }
+        if self.params.iter().any(|value| !value.is_finite()) {
+            return Some("parameters must be finite".to_owned());
+        }
+        names
+            .iter()
+            .zip(&self.params)
+            .find(|(name, value)| name.starts_with('f') && **value <= 0.0)
+            .map(|(name, value)| format!("{name} must be positive, got {value}"))
+    }
+}
+
+/// Attitude of the camera as a drone reports it (camera along the nose).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AttitudePrior {
+    /// Heading, radians clockwise from the local frame's +y (north).
+    pub yaw: f64,
+    /// Nose up, radians.
+    #[serde(default)]
+    pub pitch: f64,
+    /// Right side down, radians.
+    #[serde(default)]
+    pub roll: f64,
+    /// Standard deviation of yaw, radians.
+    #[serde(default = "default_sigma_yaw")]
+    pub sigma_yaw: f64,
+    /// Standard deviation of pitch and of roll, radians.
+    #[serde(default = "default_sigma_tilt")]
+    pub sigma_tilt: f64,
+}
+
+fn default_sigma_yaw() -> f64 {
+    0.05
+}
+
+fn default_sigma_tilt() -> f64 {
+    0.02
+}
+
+/// Height of the camera above a fixed level.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HeightPrior {
+    /// Meters.
+    pub height: f64,
+    /// Standard deviation, meters.
+    pub sigma: f64,
+}
+
+/// Position of the camera in a metric, z-up frame that all priors of a set share.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PositionPrior {
+    /// x, y, z in meters.
+    pub position: [f64; 3],
+    /// Standard deviation per axis, meters.
+    pub sigma: f64,
+}
+
+/// What is known of an image before it is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// From the flight controller.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attitude: Option<AttitudePrior>,
+    /// From a barometer or range finder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<HeightPrior>,
+    /// From motion capture, RTK or a previous map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position: Option<PositionPrior>,
+    /// Seconds since an arbitrary start; orders the images of a flight.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_s: Option<f64>,
+}
+
+impl Prior {
+    /// What is wrong with it, if anything: a number that is not finite or a sigma that is not
+    /// positive.
+    pub fn problem(&self) -> Option<&'static str> {
+        let mut numbers = Vec::new();
+        let mut sigmas = Vec::new();
+        if let Some(attitude) = &self.attitude {
+            numbers.extend([attitude.yaw, attitude.pitch, attitude.roll]);
+            sigmas.extend([attitude.sigma_yaw, attitude.sigma_tilt]);
+        }
+        if let Some(height) = &self.height {
+            numbers.push(height.height);
+            sigmas.push(height.sigma);
+        }
+        if let Some(position) = &self.position {
+            numbers.extend(position.position);
+            sigmas.push(position.sigma);
+        }
+        numbers.extend(self.time_s);
+        if numbers.iter().chain(&sigmas).any(|value| !value.is_finite()) {
+            Some("numbers must be finite")
+        } else if sigmas.iter().any(|sigma| *sigma <= 0.0) {
+            Some("sigmas must be positive")
+        } else {
+            None
+        }
+    }
+}
+
+/// The measured distance between the cameras of two images.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownDistance {
+    /// Image name.
+    pub image_a: String,
+    /// Image name.
+    pub image_b: String,
+    /// Meters.
+    pub meters: f64,
+}
+
+/// How much work a reconstruction may spend.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Fewer features, smaller images.
+    Fast,
+    /// The default.
+    #[default]
+    Balanced,
+    /// Full resolution, most features.
+    Best,
+}
+
+/// Which point is the origin of a map.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OriginRule {
+    /// Position of the last mapping image.
+    #[default]
+    LastCamera,
+    /// Mean of the camera positions.
+    MeanCameras,
+    /// The frame of the position priors or control points is kept as it is.
+    Given,
+}
+
+/// A surveyed point and where it is seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ControlPoint {
+    /// x, y, z in meters, z up.
+    pub position: [f64; 3],
+    /// At least two sightings.
+    pub observations: Vec<ControlObservation>,
+}
+
+/// One sighting of a surveyed point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ControlObservation {
+    /// Image name.
+    pub image: String,
+    /// Pixels, first pixel center (0.5, 0.5).
+    pub pixel: [f64; 2],
+}
+
+/// A similarity: `x_in_new = scale * rotation * x_in_map + translation`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sim3 {
+    /// Unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// Meters.
+    pub translation: [f64; 3],
+    /// Positive.
+    pub scale: f64,
+    /// Whether lengths are meters afterwards.
+    #[serde(default)]
+    pub metric: bool,
+}
+
+/// Exactly one way to change the frame of a map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum AlignRequest {
+    /// Sets the scale.
+    KnownDistance(KnownDistance),
+    /// Sets rotation, translation and scale.
+    Sim3(Sim3),
+    /// Fits rotation, translation and scale to at least three surveyed points.
+    ControlPoints(Vec<ControlPoint>),
+}
+
+/// Where the camera may be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LocalizePrior {
+    /// Position in the map, meters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position: Option<PositionPrior>,
+    /// Rotation of the camera's forward axis about map z from map x, radians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaw: Option<YawPrior>,
+}
+
+/// A yaw in the map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct YawPrior {
+    /// Radians, counter-clockwise seen from above.
+    pub yaw: f64,
+    /// Standard deviation, radians.
+    pub sigma: f64,
+}
+
+/// Position and orientation of a camera in the map: `map_from_camera`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CameraPose {
+    /// x, y, z in the map, meters when the map is metric.
+    pub position: [f64; 3],
+    /// Unit quaternion w, x, y, z that turns camera axes (x right, y down, z forward) into the
+    /// map's.
+    pub orientation: [f64; 4],
+}
+
+/// Whether an image found its place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LocalizeStatus {
+    /// One pose stands out.
+    Ok,
+    /// Several poses are about as good.
+    Ambiguous,
+    /// None.
+    NotFound,
+}
+
+/// A pose that is about as good as another.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Rival {
+    /// `map_from_camera`.
+    pub pose: CameraPose,
+    /// Inliers of the pose.
+    pub num_inliers: u32,
+}
+
+/// Milliseconds per step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LocalizeTimings {
+    /// Bytes to pixels.
+    pub decode_ms: Option<f64>,
+    /// Keypoints and descriptors.
+    pub features_ms: Option<f64>,
+    /// Retrieval and matching.
+    pub match_ms: Option<f64>,
+    /// RANSAC and refinement.
+    pub solve_ms: Option<f64>,
+    /// From the arrival of the request to the answer.
+    pub total_ms: Option<f64>,
+}
+
+/// The answer to one image. A photo that cannot be placed is an answer, not an error.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Localization {
+    /// Whether there is a pose.
+    pub status: LocalizeStatus,
+    /// `map_from_camera`; with `ok` only.
+    pub pose: Option<CameraPose>,
+    /// 6 x 6, row-major: position x, y, z in the map (m), then rotation about map x, y, z (rad).
+    pub covariance: Option<Vec<f64>>,
+    /// Stable code; with `not_found` and `ambiguous`.
+    pub reason: Option<String>,
+    /// With `ambiguous`, best first.
+    #[serde(default)]
+    pub rivals: Vec<Rival>,
+    /// Features of the image.
+    #[serde(default)]
+    pub num_features: u32,
+    /// 2D-3D correspondences.
+    #[serde(default)]
+    pub num_correspondences: u32,
+    /// Inliers of the pose.
+    #[serde(default)]
+    pub num_inliers: u32,
+    /// Inliers over correspondences.
+    pub inlier_ratio: Option<f64>,
+    /// Root mean square reprojection error, pixels.
+    pub reprojection_px: Option<f64>,
+    /// Milliseconds per step.
+    #[serde(default)]
+    pub timings: LocalizeTimings,
+}

@@ -1,0 +1,2 @@
+//! A worker that plays its part from a script.
+fn main() {}
