@@ -3,6 +3,7 @@
 pub mod matching;
 pub mod retrieval;
 pub mod sift;
+mod simd;
 
 pub use matching::{MatchOptions, PackedDescriptors, match_features, match_guided};
 pub use retrieval::{GlobalDescriptor, global_descriptor};
