@@ -1,7 +1,20 @@
 //! Exact nearest-neighbor matching.
 
-use nalgebra::Matrix3;
-use volery_scene::{Descriptor, FeatureMatch, Features};
+mod guided;
+mod nearest;
+mod packed;
+mod simd;
+
+use volery_scene::FeatureMatch;
+
+use crate::simd::SimdLevel;
+pub use guided::match_guided;
+use nearest::{Nearest, nearest_both_ways};
+pub use packed::PackedDescriptors;
+
+/// Greatest distance of a match of unit descriptors (COLMAP's 0.7), squared, in squared bytes of
+/// descriptors of norm 256.
+const MAX_SQUARED_DISTANCE: i32 = 32113;
 
 /// Options of [`match_features`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,39 +29,51 @@ impl Default for MatchOptions {
     }
 }
 
-/// Descriptors laid out for the matching kernel; made once per image, used for every pair.
-pub struct PackedDescriptors {}
-
-impl PackedDescriptors {
-    /// Packs `descriptors`.
-    pub fn new(descriptors: &[Descriptor]) -> Self {
-        let _ = descriptors;
-        todo!()
-    }
-}
-
 /// Mutual nearest neighbors that pass the ratio test both ways, sorted by `feature1`.
+///
+/// Distances are Euclidean and exact; of equally near neighbors the one with the lower index is
+/// nearest. Runs on the calling thread.
 pub fn match_features(
     features1: &PackedDescriptors,
     features2: &PackedDescriptors,
     options: &MatchOptions,
 ) -> Vec<FeatureMatch> {
-    let _ = (features1, features2, options);
-    todo!()
+    match_features_with(SimdLevel::detect(), features1, features2, options)
 }
 
-/// Matches within `max_error_px` of the epipolar lines of `fundamental` (`x₂ᵀ F x₁ = 0`), mutual
-/// and ratio-tested among the candidates of the band (P18). `pixels1/2` are the undistorted
-/// keypoints.
-pub fn match_guided(
-    features1: &Features,
-    pixels1: &[nalgebra::Point2<f64>],
-    features2: &Features,
-    pixels2: &[nalgebra::Point2<f64>],
-    fundamental: &Matrix3<f64>,
-    max_error_px: f64,
+fn match_features_with(
+    level: SimdLevel,
+    features1: &PackedDescriptors,
+    features2: &PackedDescriptors,
     options: &MatchOptions,
 ) -> Vec<FeatureMatch> {
-    let _ = (features1, pixels1, features2, pixels2, fundamental, max_error_px, options);
-    todo!()
+    if features1.is_empty() || features2.is_empty() {
+        return Vec::new();
+    }
+    let (rows, columns) = nearest_both_ways(level, features1, features2);
+    mutual(&rows, &columns, options)
+}
+
+/// Pairs that are each other's nearest and pass the tests both ways.
+fn mutual(rows: &[Nearest], columns: &[Nearest], options: &MatchOptions) -> Vec<FeatureMatch> {
+    let mut matches = Vec::new();
+    for (feature1, row) in rows.iter().enumerate() {
+        let Some(column) = columns.get(row.index as usize) else { continue };
+        if column.index as usize == feature1
+            && row.similarity >= -MAX_SQUARED_DISTANCE
+            && is_distinct(row, options.max_ratio)
+            && is_distinct(column, options.max_ratio)
+        {
+            matches.push(FeatureMatch { feature1: feature1 as u32, feature2: row.index });
+        }
+    }
+    matches
+}
+
+/// The ratio test on squared distances.
+fn is_distinct(nearest: &Nearest, max_ratio: f32) -> bool {
+    let squared_ratio = f64::from(max_ratio) * f64::from(max_ratio);
+    nearest
+        .second_similarity
+        .is_none_or(|second| -f64::from(nearest.similarity) < squared_ratio * -f64::from(second))
 }

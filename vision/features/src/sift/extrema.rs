@@ -49,7 +49,7 @@ pub(super) fn find_extrema(
     for row in dog.iter_mut().flatten() {
         row.resize(stride, 0.0);
     }
-    let mut subtract = |dog: &mut [[Vec<f32>; 3]; NUM_DOG], y: usize| {
+    let subtract = |dog: &mut [[Vec<f32>; 3]; NUM_DOG], y: usize| {
         for (level, rows) in dog.iter_mut().enumerate() {
             difference(simd, levels[level + 1].row(y), levels[level].row(y), &mut rows[y % 3]);
         }
