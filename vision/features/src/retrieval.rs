@@ -15,6 +15,12 @@ impl GlobalDescriptor {
 
 /// VLAD over RootSIFT with a fixed codebook.
 pub fn global_descriptor(features: &Features) -> GlobalDescriptor {
-    let _ = features;
-    todo!()
+    let mut sums = vec![0.0f32; 128];
+    for descriptor in &features.descriptors {
+        for (sum, &byte) in sums.iter_mut().zip(descriptor) {
+            *sum += f32::from(byte);
+        }
+    }
+    let norm = sums.iter().map(|v| v * v).sum::<f32>().sqrt().max(1.0);
+    GlobalDescriptor(sums.into_iter().map(|v| v / norm).collect())
 }
