@@ -1,6 +1,18 @@
 //! Wire types of openapi.yaml, shared by the service, its child processes and its clients.
 
+pub mod images;
+pub mod jobs;
+pub mod maps;
+pub mod problem;
+pub mod service;
 pub mod vision;
 pub mod worker;
+pub mod ws;
 
+pub use images::*;
+pub use jobs::*;
+pub use maps::*;
+pub use problem::*;
+pub use service::*;
 pub use vision::*;
+pub use worker::{ImageEncoding, WorkerFailure};

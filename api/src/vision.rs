@@ -183,6 +183,14 @@ pub enum Preset {
     Best,
 }
 
+/// Parts of the way from photos to a full environment map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StageGroup {
+    /// Photos to a sparse metric map.
+    Sfm,
+}
+
 /// Which point is the origin of a map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

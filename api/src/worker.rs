@@ -9,6 +9,9 @@
 //!   not computed again. A job that fails says so in its last line ([`JobLine::Result`]) and ends
 //!   with exit code 0; any other end counts as a crash and is tried again. SIGTERM asks the child
 //!   to stop at the next unit of work; what it has finished stays in the folder.
+//! * Every child dies with the service: it sets its parent death signal to SIGKILL at start, and
+//!   leaves at once when its parent is not the process named by [`PARENT_VARIABLE`] or when its
+//!   standard input ends.
 //! * `<program> run-decoder` and `<program> run-localizer` answer [`WorkerRequest`]s until their
 //!   standard input ends. A message is, both ways, `u32` little-endian length of the header, the
 //!   header in JSON, `u32` length of the payload, the payload. Every answer's header carries `ok`;
@@ -22,6 +25,7 @@ use utoipa::ToSchema;
 
 use crate::{
     AlignRequest, Camera, KnownDistance, Localization, LocalizePrior, OriginRule, Preset, Prior,
+    StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -29,6 +33,9 @@ pub const JOB_FILE: &str = "job.json";
 
 /// Name of the map folder in a work folder.
 pub const OUT_FOLDER: &str = "out";
+
+/// Environment variable with the process id of the service.
+pub const PARENT_VARIABLE: &str = "VOLERY_PARENT_PID";
 
 /// Longest header of a message, bytes.
 pub const MAX_WORKER_HEADER: usize = 16 << 20;
@@ -39,14 +46,11 @@ pub const MAX_WORKER_HEADER: usize = 16 << 20;
 pub struct JobSpec {
     /// In the order of the flight.
     pub images: Vec<JobImage>,
-    /// Intrinsics of every image that names none.
+    /// Intrinsics of every image that has none of its own; kept fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<Camera>,
-    /// By image name.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub priors: BTreeMap<String, Prior>,
     /// Measured distances between the cameras of two images.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub known_distances: Vec<KnownDistance>,
     /// How much work is spent.
     #[serde(default)]
@@ -54,12 +58,16 @@ pub struct JobSpec {
     /// Seed of every random choice.
     #[serde(default)]
     pub seed: u64,
-    /// Which point is the origin.
-    #[serde(default)]
-    pub origin: OriginRule,
+    /// Which point is the origin; `None` keeps the frame of position priors, else takes the last
+    /// camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<OriginRule>,
+    /// Photos are made smaller until no side is longer, pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_image_size: Option<u32>,
     /// Stages to run; empty: all of them.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub stages: Vec<String>,
+    #[serde(default)]
+    pub stages: Vec<StageGroup>,
 }
 
 /// One photo of a [`JobSpec`].
@@ -70,15 +78,12 @@ pub struct JobImage {
     pub name: String,
     /// File with the bytes as they were uploaded.
     pub path: String,
-    /// SHA-256 of the bytes, hex: a key for caches.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sha256: Option<String>,
-    /// Intrinsics of this image, where they differ from the job's.
+    /// Intrinsics of this image, where they differ from the job's; kept fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<Camera>,
-    /// Images with the same group share one camera unless their EXIF says otherwise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub camera_group: Option<String>,
+    /// What else is known of it.
+    #[serde(default)]
+    pub prior: Prior,
 }
 
 /// One line of a job's standard output.
