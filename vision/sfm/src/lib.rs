@@ -1,11 +1,18 @@
 //! Image pairs to a metric sparse model.
 
-pub mod pairs;
-pub mod reconstruct;
 pub mod align;
+pub mod incremental;
+pub mod pairs;
+pub mod quality;
+pub mod reconstruct;
+pub mod self_calibration;
+pub mod tracks;
+mod triangulation;
+mod view_graph;
 
 pub use align::{AlignOptions, environment_map};
+pub use incremental::map_incrementally;
 pub use pairs::{PairOptions, select_pairs};
 pub use reconstruct::{
-    MapperOptions, Reconstruction, ReconstructError, SfmCamera, SfmImage, reconstruct,
+    MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
 };

@@ -1,0 +1,337 @@
+//! How far a model may be trusted.
+//!
+//! A structure-from-motion model can be wrong and look well: small residuals, many points, every
+//! image placed. What gives it away is evidence it did not use: verified pairs whose geometry
+//! disagrees with the poses, parts that hang together by a thread, cameras no one builds.
+
+use std::collections::BTreeMap;
+
+use volery_geometry::epipolar::{essential_from_pose, squared_sampson_error};
+use volery_scene::{
+    ImageId, Quality, QualityReason, SparseModel, TwoViewGeometry, TwoViewKind, UnplacedImage,
+    UnplacedReason, Verdict,
+};
+
+use crate::SfmCamera;
+use crate::incremental::{FOV_RANGE_DEG, MAX_DISTORTION};
+
+/// Inliers from which a pair's word counts.
+const MIN_WITNESS_INLIERS: usize = 25;
+/// Rotation between the poses and a pair, degrees, from which the pair contradicts.
+const MAX_ROTATION_RESIDUAL_DEG: f64 = 5.0;
+/// Sampson error, pixels, up to which a match agrees with the poses.
+const MAX_SAMPSON_PX: f64 = 6.0;
+/// A pair contradicts if fewer of its matches agree with the poses.
+const MIN_AGREEING_MATCHES: f64 = 0.5;
+/// Part of the matches in contradicting pairs that makes a map suspect.
+const MAX_CONTRADICTION: f64 = 0.08;
+/// Points across a cut that tie two parts of a map together.
+const MIN_TIE_POINTS: usize = 40;
+/// Images on the smaller side of a cut that is worth a warning.
+const MIN_PART_IMAGES: usize = 3;
+/// Points an image should see.
+const MIN_IMAGE_POINTS: usize = 30;
+/// Part of the images that may see fewer.
+const MAX_WEAK_IMAGES: f64 = 0.3;
+/// Points of a map.
+const MIN_POINTS: usize = 100;
+/// Mean reprojection error, pixels.
+const MAX_MEAN_ERROR_PX: f64 = 1.6;
+
+/// What the verified pairs say about a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evidence {
+    /// Pairs of posed images that could be asked.
+    pub num_witnesses: usize,
+    /// Those that disagree with the poses.
+    pub num_contradicting: usize,
+    /// Part of the witnesses' matches that are in contradicting pairs.
+    pub contradiction: f64,
+    /// Worst contradicting pair by number of inliers, with its rotation residual in degrees where
+    /// it has one.
+    pub worst: Option<(ImageId, ImageId, usize, Option<f64>)>,
+    /// Fewest points that two parts of the map share, with the size of the smaller part.
+    pub weakest_tie: Option<(usize, usize)>,
+}
+
+impl Evidence {
+    /// Asks every verified pair whose images both have a pose.
+    pub fn of(model: &SparseModel, pairs: &[TwoViewGeometry]) -> Self {
+        let (mut num_witnesses, mut num_contradicting) = (0, 0);
+        let (mut all, mut against) = (0usize, 0usize);
+        let mut worst: Option<(ImageId, ImageId, usize, Option<f64>)> = None;
+        for pair in pairs.iter().filter(|pair| pair.num_inliers() >= MIN_WITNESS_INLIERS) {
+            let Some(testimony) = Testimony::of(model, pair) else { continue };
+            num_witnesses += 1;
+            all += pair.num_inliers();
+            if testimony.contradicts() {
+                num_contradicting += 1;
+                against += pair.num_inliers();
+                if worst.is_none_or(|(_, _, most, _)| pair.num_inliers() > most) {
+                    worst = Some((
+                        pair.image1,
+                        pair.image2,
+                        pair.num_inliers(),
+                        testimony.rotation_residual_deg,
+                    ));
+                }
+            }
+        }
+        Self {
+            num_witnesses,
+            num_contradicting,
+            contradiction: if all > 0 { against as f64 / all as f64 } else { 0.0 },
+            worst,
+            weakest_tie: weakest_tie(model),
+        }
+    }
+
+    /// The verdict over `model`; `cameras` are the intrinsics as given.
+    pub fn verdict(&self, model: &SparseModel, cameras: &[SfmCamera]) -> Quality {
+        let mut reasons = Vec::new();
+        let mut add = |code: &str, detail: String| {
+            reasons.push(QualityReason { code: code.to_owned(), detail });
+        };
+        let failed = model.images.len() < 2 || model.points.len() < MIN_POINTS / 4;
+        if model.points.len() < MIN_POINTS {
+            add(
+                "few_points",
+                format!("only {} points: take more images of textured places", model.points.len()),
+            );
+        }
+        if self.contradiction > MAX_CONTRADICTION {
+            let worst = self.worst.map_or(String::new(), |(a, b, n, degrees)| {
+                let turn = degrees.map_or(String::new(), |d| format!(" by {d:.0} degrees"));
+                format!("; images {} and {} with {n} matches disagree most{turn}", a.0, b.0)
+            });
+            add(
+                "contradicting_rotations",
+                format!(
+                    "{} of {} verified image pairs ({:.0} % of the matches) disagree with the map{worst}",
+                    self.num_contradicting,
+                    self.num_witnesses,
+                    100.0 * self.contradiction
+                ),
+            );
+        }
+        if let Some((points, part)) = self.weakest_tie
+            && points < MIN_TIE_POINTS
+        {
+            add(
+                "weakly_tied",
+                format!(
+                    "a part of {part} images shares only {points} points with the rest: its place and \
+                     scale are uncertain; take images that show both parts"
+                ),
+            );
+        }
+        for (detail, _) in absurd_cameras(model, cameras) {
+            add("absurd_intrinsics", detail);
+        }
+        let num_weak = model
+            .images
+            .values()
+            .filter(|image| image.points.iter().flatten().count() < MIN_IMAGE_POINTS)
+            .count();
+        if num_weak as f64 > MAX_WEAK_IMAGES * model.images.len() as f64 {
+            add(
+                "weak_support",
+                format!("{num_weak} of {} images see few points", model.images.len()),
+            );
+        }
+        if let Some(error) = model.mean_reprojection_error_px()
+            && error > MAX_MEAN_ERROR_PX
+        {
+            add("high_reprojection_error", format!("mean reprojection error {error:.2} pixels"));
+        }
+        let verdict = match (failed, reasons.is_empty()) {
+            (true, _) => Verdict::Failed,
+            (false, false) => Verdict::Suspect,
+            (false, true) => Verdict::Good,
+        };
+        Quality { verdict, reasons }
+    }
+}
+
+/// What one pair says about the poses of its images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Testimony {
+    rotation_residual_deg: Option<f64>,
+    agreeing_matches: f64,
+}
+
+impl Testimony {
+    fn of(model: &SparseModel, pair: &TwoViewGeometry) -> Option<Self> {
+        let (image1, image2) = (model.images.get(&pair.image1)?, model.images.get(&pair.image2)?);
+        let (camera1, camera2) =
+            (model.cameras.get(&image1.camera)?, model.cameras.get(&image2.camera)?);
+        let cam2_from_cam1 = image2.cam_from_world * image1.cam_from_world.inverse();
+        // A plane leaves two decompositions, so its rotation is no evidence.
+        let rotation_residual_deg = match pair.kind {
+            TwoViewKind::General | TwoViewKind::RotationOnly => pair
+                .cam2_from_cam1
+                .map(|measured| cam2_from_cam1.rotation.angle_to(&measured.rotation).to_degrees()),
+            TwoViewKind::Planar | TwoViewKind::Uncalibrated => None,
+        };
+        let essential = essential_from_pose(&cam2_from_cam1);
+        let limit = (MAX_SAMPSON_PX / (0.5 * (camera1.mean_focal() + camera2.mean_focal()))).powi(2);
+        let stride = pair.matches.len().div_ceil(100).max(1);
+        let (mut asked, mut agreeing) = (0usize, 0usize);
+        for m in pair.matches.iter().step_by(stride) {
+            let (Some(pixel1), Some(pixel2)) = (
+                image1.keypoints.get(m.feature1 as usize),
+                image2.keypoints.get(m.feature2 as usize),
+            ) else {
+                continue;
+            };
+            let (Some(xy1), Some(xy2)) = (camera1.unproject(pixel1), camera2.unproject(pixel2))
+            else {
+                continue;
+            };
+            asked += 1;
+            let error = squared_sampson_error(&essential, &xy1.into(), &xy2.into());
+            agreeing += usize::from(error <= limit);
+        }
+        (asked > 0).then(|| Self {
+            rotation_residual_deg,
+            agreeing_matches: agreeing as f64 / asked as f64,
+        })
+    }
+
+    fn contradicts(&self) -> bool {
+        self.rotation_residual_deg.is_some_and(|degrees| degrees > MAX_ROTATION_RESIDUAL_DEG)
+            || self.agreeing_matches < MIN_AGREEING_MATCHES
+    }
+}
+
+/// Cameras outside what is built, with what is wrong.
+fn absurd_cameras(model: &SparseModel, cameras: &[SfmCamera]) -> Vec<(String, u32)> {
+    let mut absurd = Vec::new();
+    for (id, camera) in &model.cameras {
+        let fov = camera.horizontal_fov().to_degrees();
+        if !(FOV_RANGE_DEG.0..=FOV_RANGE_DEG.1).contains(&fov) {
+            absurd.push((format!("camera {} has a field of view of {fov:.0} degrees", id.0), id.0));
+        }
+        let distortion = &camera.params()[camera.model.distortion_start()..];
+        if let Some(k) = distortion.iter().take(2).find(|k| k.abs() > MAX_DISTORTION) {
+            absurd.push((format!("camera {} has a distortion coefficient of {k:.1}", id.0), id.0));
+        }
+        if let Some(first) = cameras.get(id.0 as usize)
+            && !first.focal_is_guess
+        {
+            let change = camera.mean_focal() / first.camera.mean_focal();
+            if !(0.7..=1.4).contains(&change) {
+                absurd.push((
+                    format!(
+                        "camera {}: refined focal length is {change:.2} times the given one",
+                        id.0
+                    ),
+                    id.0,
+                ));
+            }
+        }
+    }
+    absurd
+}
+
+/// Fewest points shared across any cut of a maximum spanning tree over the images (edges weigh
+/// shared points) that leaves at least [`MIN_PART_IMAGES`] on either side, with the number of
+/// images on the smaller side.
+fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
+    let ids: Vec<ImageId> = model.images.keys().copied().collect();
+    let index_of: BTreeMap<ImageId, usize> =
+        ids.iter().enumerate().map(|(index, &id)| (id, index)).collect();
+    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    let seen_by: Vec<Vec<usize>> = model
+        .points
+        .values()
+        .map(|point| point.track.iter().filter_map(|o| index_of.get(&o.image).copied()).collect())
+        .collect();
+    for images in &seen_by {
+        for (position, &a) in images.iter().enumerate() {
+            for &b in &images[..position] {
+                *shared.entry((a.min(b), a.max(b))).or_default() += 1;
+            }
+        }
+    }
+    let mut edges: Vec<(usize, (usize, usize))> = shared.into_iter().map(|(e, n)| (n, e)).collect();
+    edges.sort_by_key(|&(n, edge)| (std::cmp::Reverse(n), edge));
+    let mut part: Vec<usize> = (0..ids.len()).collect();
+    let mut tree = Vec::new();
+    for &(n, (a, b)) in &edges {
+        let (from, to) = (part[a], part[b]);
+        if from != to {
+            for p in part.iter_mut().filter(|p| **p == from) {
+                *p = to;
+            }
+            tree.push((n, a, b));
+        }
+    }
+    // Only weak edges of the tree can be part of a weak cut.
+    let mut weakest: Option<(usize, usize)> = None;
+    for cut in (0..tree.len()).filter(|&t| tree[t].0 < MIN_TIE_POINTS) {
+        let side = side_of(&tree, cut, ids.len());
+        let size = side.iter().filter(|&&inside| inside).count();
+        let smaller = size.min(ids.len() - size);
+        if smaller < MIN_PART_IMAGES {
+            continue;
+        }
+        let across = seen_by
+            .iter()
+            .filter(|images| {
+                images.iter().any(|&i| side[i]) && images.iter().any(|&i| !side[i])
+            })
+            .count();
+        if weakest.is_none_or(|(least, _)| across < least) {
+            weakest = Some((across, smaller));
+        }
+    }
+    weakest
+}
+
+/// Nodes on the first side of `tree` without the edge `cut`.
+fn side_of(tree: &[(usize, usize, usize)], cut: usize, num_nodes: usize) -> Vec<bool> {
+    let mut neighbors = vec![Vec::new(); num_nodes];
+    for (index, &(_, a, b)) in tree.iter().enumerate() {
+        if index != cut {
+            neighbors[a].push(b);
+            neighbors[b].push(a);
+        }
+    }
+    let mut inside = vec![false; num_nodes];
+    let mut stack = vec![tree[cut].1];
+    while let Some(node) = stack.pop() {
+        if !std::mem::replace(&mut inside[node], true) {
+            stack.extend(&neighbors[node]);
+        }
+    }
+    inside
+}
+
+/// The verdict when there is no map: why most images have no place.
+pub(crate) fn no_map(unplaced: &[UnplacedImage]) -> Quality {
+    let count = |reason| unplaced.iter().filter(|image| image.reason == reason).count();
+    let (turned, alone) = (count(UnplacedReason::NoParallax), count(UnplacedReason::NoOverlap));
+    let reason = if turned > 0 && turned >= alone {
+        QualityReason {
+            code: UnplacedReason::NoParallax.code().to_owned(),
+            detail: format!(
+                "the camera only turned between {turned} images: move it sideways by at least a \
+                 tenth of the distance to the scene"
+            ),
+        }
+    } else if alone > 0 {
+        QualityReason {
+            code: UnplacedReason::NoOverlap.code().to_owned(),
+            detail: format!(
+                "{alone} images share nothing with any other: let neighbors overlap by half"
+            ),
+        }
+    } else {
+        QualityReason {
+            code: UnplacedReason::Ambiguous.code().to_owned(),
+            detail: "the matches fit no single scene".to_owned(),
+        }
+    };
+    Quality { verdict: Verdict::Failed, reasons: vec![reason] }
+}
