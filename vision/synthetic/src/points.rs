@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn keypoints_are_the_projections_but_for_the_noise() {
         let scene = scan();
-        let (mut sum, mut n) = (0.0, 0.0);
+        let (mut sum, mut n) = (0.0_f64, 0.0_f64);
         for image in 0..scene.num_images() {
             assert!(scene.keypoints[image].len() > 150, "{}", scene.keypoints[image].len());
             for (pixel, &point) in
@@ -216,7 +216,7 @@ mod tests {
                 n += 1.0;
             }
         }
-        let sigma: f64 = (sum / n as f64).sqrt();
+        let sigma = f64::sqrt(sum / n);
         assert!((sigma - 0.7).abs() < 0.02, "{sigma}");
     }
 

@@ -11,8 +11,8 @@ pub struct Cuboid {
     pub center: Point3<f64>,
     /// Half of its edges before the turn, meters.
     pub half: Vector3<f64>,
-    /// Turn about z, radians, counterclockwise seen from above.
-    pub turn: f64,
+    /// Cosine and sine of its turn about z, counterclockwise seen from above.
+    cos_sin: [f64; 2],
 }
 
 /// A point of a surface with the direction it faces.
@@ -37,21 +37,26 @@ pub struct Room {
 const HIT_SLACK: f64 = 1e-6;
 
 impl Cuboid {
+    /// A box around `center`, turned by `turn` radians.
+    pub fn new(center: Point3<f64>, half: Vector3<f64>, turn: f64) -> Self {
+        Self { center, half, cos_sin: [turn.cos(), turn.sin()] }
+    }
+
     /// A box whose bottom middle is at `(x, y, z)`.
     pub fn standing(x: f64, y: f64, z: f64, size: Vector3<f64>, turn: f64) -> Self {
         let half = size / 2.0;
-        Self { center: Point3::new(x, y, z + half.z), half, turn }
+        Self::new(Point3::new(x, y, z + half.z), half, turn)
     }
 
     /// A vector of the world in the axes of the box.
     pub fn local(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let (sin, cos) = self.turn.sin_cos();
+        let [cos, sin] = self.cos_sin;
         Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z)
     }
 
     /// A vector in the axes of the box in the world.
     pub fn world(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        let (sin, cos) = self.turn.sin_cos();
+        let [cos, sin] = self.cos_sin;
         Vector3::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z)
     }
 
@@ -123,11 +128,7 @@ impl Room {
     pub fn surface_point(&self, rng: &mut Rng) -> SurfacePoint {
         loop {
             let mut pick = rng.uniform() * self.area();
-            let shell = Cuboid {
-                center: Point3::new(0.0, 0.0, self.size.z / 2.0),
-                half: self.size / 2.0,
-                turn: 0.0,
-            };
+            let shell = self.shell();
             let mut found = None;
             for (index, cuboid) in std::iter::once(&shell).chain(&self.furniture).enumerate() {
                 let area = box_area(cuboid);
@@ -147,9 +148,13 @@ impl Room {
         }
     }
 
+    /// The room itself as a box.
+    pub fn shell(&self) -> Cuboid {
+        Cuboid::standing(0.0, 0.0, 0.0, self.size, 0.0)
+    }
+
     fn area(&self) -> f64 {
-        let shell = Cuboid { center: Point3::origin(), half: self.size / 2.0, turn: 0.0 };
-        box_area(&shell) + self.furniture.iter().map(box_area).sum::<f64>()
+        box_area(&self.shell()) + self.furniture.iter().map(box_area).sum::<f64>()
     }
 }
 
