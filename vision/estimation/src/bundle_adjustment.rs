@@ -1,8 +1,27 @@
 //! Joint refinement of poses, points and intrinsics.
 
+mod cost;
+mod layout;
+mod lens;
+mod linearize;
+mod minimize;
+mod priors;
+mod residuals;
+mod schur;
+mod simd;
+mod solve;
+mod state;
+#[cfg(test)]
+mod tests;
+
+pub use residuals::squared_residuals;
+
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector3};
 use volery_geometry::Camera;
 use volery_scene::{Cancelled, Progress};
+
+use minimize::Minimizer;
+use simd::Isa;
 
 /// Which intrinsics move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,6 +136,15 @@ pub enum BundleError {
     /// A value is not finite.
     #[error("the problem holds a value that is not finite")]
     NotFinite,
+    /// A pose names a camera that does not exist.
+    #[error("a pose points past the {num_cameras} cameras")]
+    NoSuchCamera {
+        /// Cameras there are.
+        num_cameras: usize,
+    },
+    /// The reduced system does not fit into memory.
+    #[error("the reduced system does not fit into memory")]
+    OutOfMemory,
     /// There is nothing to minimize.
     #[error("the problem has no observations")]
     Empty,
@@ -133,6 +161,55 @@ pub fn adjust_bundle(
     options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<BundleReport, BundleError> {
-    let _ = (problem, options, progress);
-    todo!()
+    problem.check()?;
+    let mut minimizer =
+        Minimizer::new(problem, options, Isa::detect()).ok_or(BundleError::OutOfMemory)?;
+    let result = minimizer.run(options, progress);
+    let (state, layout) = minimizer.finish();
+    state.store(problem, &layout);
+    result
+}
+
+impl BundleProblem {
+    /// Whether point `index` stays.
+    fn is_constant_point(&self, index: u32) -> bool {
+        self.constant_points.get(index as usize).copied().unwrap_or(false)
+    }
+
+    /// Refuses what cannot be minimized.
+    fn check(&self) -> Result<(), BundleError> {
+        if self.observations.is_empty() {
+            return Err(BundleError::Empty);
+        }
+        let num_cameras = self.cameras.len();
+        for (observation, o) in self.observations.iter().enumerate() {
+            let pose = self.poses.get(o.pose as usize);
+            if pose.is_none() || o.point as usize >= self.points.len() {
+                return Err(BundleError::IndexOutOfRange { observation });
+            }
+        }
+        if self.poses.iter().any(|pose| pose.camera as usize >= num_cameras) {
+            return Err(BundleError::NoSuchCamera { num_cameras });
+        }
+        if self.is_finite() { Ok(()) } else { Err(BundleError::NotFinite) }
+    }
+
+    fn is_finite(&self) -> bool {
+        let is_sigma = |sigma: f64| sigma.is_finite() && sigma > 0.0;
+        self.observations.iter().all(|o| o.pixel.coords.iter().all(|v| v.is_finite()))
+            && self.points.iter().all(|p| p.coords.iter().all(|v| v.is_finite()))
+            && self.cameras.iter().all(|c| {
+                c.camera.params().iter().all(|v| v.is_finite())
+                    && c.focal_prior.is_none_or(|(f, sigma)| f.is_finite() && is_sigma(sigma))
+            })
+            && self.poses.iter().all(|pose| {
+                pose.cam_from_world.to_homogeneous().iter().all(|v| v.is_finite())
+                    && pose.position_prior.is_none_or(|(center, sigma)| {
+                        center.coords.iter().all(|v| v.is_finite()) && is_sigma(sigma)
+                    })
+                    && pose.gravity_prior.is_none_or(|(up, sigma)| {
+                        up.iter().all(|v| v.is_finite()) && is_sigma(sigma)
+                    })
+            })
+    }
 }

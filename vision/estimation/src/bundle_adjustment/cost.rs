@@ -1,0 +1,46 @@
+//! The robust cost, without derivatives.
+
+use std::ops::Range;
+
+use super::layout::Layout;
+use super::lens::fma;
+use super::state::State;
+
+/// Squared error, pixels², that stands for a point behind the camera: as far off as the image is
+/// wide and high. Bounded, so that a point may cross over when the others gain by it.
+pub(super) fn squared_error_behind(camera: &volery_geometry::Camera) -> f64 {
+    (f64::from(camera.width) + f64::from(camera.height)).powi(2)
+}
+
+/// Twice the robust loss: `ρ(s) = c² ln(1 + s/c²)`, or `s` without a scale.
+#[inline(always)]
+pub(super) fn loss(squared: f64, scale_inv2: f64) -> f64 {
+    if scale_inv2 > 0.0 { (squared * scale_inv2).ln_1p() / scale_inv2 } else { squared }
+}
+
+/// `½ Σ ρ(‖r‖²)` over the observations of a chunk of points.
+#[inline(always)]
+pub(super) fn chunk_cost<const FMA: bool>(
+    layout: &Layout,
+    state: &State,
+    loss_scale_inv2: f64,
+    points: Range<usize>,
+) -> f64 {
+    let mut sum = 0.0;
+    for point in points {
+        for observation in layout.point_starts[point]..layout.point_starts[point + 1] {
+            let pose = &state.poses[layout.observation_poses[observation] as usize];
+            let in_cam = pose.transform::<FMA>(&state.points[point]);
+            let squared = match state.lenses[pose.camera as usize].project::<FMA>(&in_cam) {
+                Some(pixel) => {
+                    let measured = &layout.observation_pixels[observation];
+                    let (dx, dy) = (pixel[0] - measured[0], pixel[1] - measured[1]);
+                    fma::<FMA>(dx, dx, dy * dy)
+                }
+                None => squared_error_behind(&state.cameras[pose.camera as usize]),
+            };
+            sum += loss(squared, loss_scale_inv2);
+        }
+    }
+    0.5 * sum
+}
