@@ -1,7 +1,14 @@
 //! Camera pose from 2D–3D correspondences.
 
+mod refinement;
+mod sampling;
+
 use nalgebra::{Isometry3, Matrix6, Point2, Point3};
 use volery_geometry::Camera;
+
+use crate::ransac::{Random, RansacOptions, lo_ransac};
+pub use refinement::{RefinedPose, refine_absolute_pose};
+use sampling::PoseEstimator;
 
 /// Options of [`estimate_absolute_pose`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,6 +89,50 @@ pub fn estimate_absolute_pose(
     options: &AbsolutePoseOptions,
     seed: u64,
 ) -> Result<AbsolutePose, AbsolutePoseError> {
-    let _ = (pixels, points, camera, options, seed);
-    todo!()
+    let total = check(pixels, points)?;
+    let (pixels, points) = (&pixels[..total], &points[..total]);
+    let needed = options.min_inliers.max(MIN_CORRESPONDENCES);
+    let too_few = |num_inliers| AbsolutePoseError::TooFewInliers { num_inliers, total, needed };
+
+    let estimator = PoseEstimator::new(pixels, points, camera, options.max_error_px);
+    let ransac = RansacOptions {
+        failure_probability: options.failure_probability,
+        min_iterations: MIN_ITERATIONS,
+        max_iterations: options.max_iterations,
+    };
+    let found = lo_ransac(&estimator, &[], &ransac, &mut Random::new(seed)).ok_or(too_few(0))?;
+    if found.score.num_inliers < MIN_CORRESPONDENCES {
+        return Err(too_few(found.score.num_inliers));
+    }
+    let initial = estimator.to_world(&found.model);
+    let refined = refine_absolute_pose(pixels, points, camera, &initial, options.max_error_px)
+        .ok_or(too_few(found.score.num_inliers))?;
+    if refined.num_inliers < needed {
+        return Err(too_few(refined.num_inliers));
+    }
+    Ok(AbsolutePose {
+        cam_from_world: refined.cam_from_world,
+        inliers: refined.inliers,
+        num_inliers: refined.num_inliers,
+        rms_px: refined.rms_px,
+        covariance: refined.covariance,
+        num_iterations: found.num_iterations,
+    })
+}
+
+/// Three points give up to four poses; the fourth chooses among them.
+const MIN_CORRESPONDENCES: usize = 4;
+const MIN_ITERATIONS: usize = 20;
+
+fn check(pixels: &[Point2<f64>], points: &[Point3<f64>]) -> Result<usize, AbsolutePoseError> {
+    let total = pixels.len().min(points.len());
+    if total < MIN_CORRESPONDENCES {
+        return Err(AbsolutePoseError::TooFewCorrespondences {
+            got: total,
+            needed: MIN_CORRESPONDENCES,
+        });
+    }
+    let finite = pixels[..total].iter().all(|p| p.coords.iter().all(|v| v.is_finite()))
+        && points[..total].iter().all(|p| p.coords.iter().all(|v| v.is_finite()));
+    if finite { Ok(total) } else { Err(AbsolutePoseError::NotFinite) }
 }
