@@ -40,6 +40,16 @@ pub fn enu_from_camera(yaw: f64, pitch: f64, roll: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r))
 }
 
+/// Yaw, pitch and roll of a camera that looks along the drone's nose: the inverse of
+/// [`enu_from_camera`]. Yaw in (−π, π]; yaw and roll are not told apart straight up and down.
+pub fn yaw_pitch_roll(enu_from_camera: &UnitQuaternion<f64>) -> [f64; 3] {
+    let right = enu_from_camera * Vector3::x();
+    let down = enu_from_camera * Vector3::y();
+    let forward = enu_from_camera * Vector3::z();
+    let pitch = forward.z.atan2(forward.xy().norm());
+    [forward.x.atan2(forward.y), pitch, (-right.z).atan2(-down.z)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +77,19 @@ mod tests {
         assert!((east - Vector3::x()).norm() < 1e-12);
         assert!((enu_from_camera(0.3, 0.1, 0.0) * Vector3::z()).z > 0.09);
         assert!((enu_from_camera(0.3, 0.0, 0.1) * Vector3::x()).z < -0.09);
+    }
+
+    #[test]
+    fn yaw_pitch_roll_come_back() {
+        for yaw in [-3.0, -1.2, 0.0, 0.7, 2.9] {
+            for pitch in [-1.4, -0.3, 0.0, 1.2] {
+                for roll in [-2.5, -0.2, 0.0, 0.4] {
+                    let found = yaw_pitch_roll(&enu_from_camera(yaw, pitch, roll));
+                    for (a, b) in found.into_iter().zip([yaw, pitch, roll]) {
+                        assert!((a - b).abs() < 1e-9, "{found:?}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -156,7 +156,7 @@ fn finish(room: &Room, lamps: &[Lamp], blank: Blank, texel: f64, seed: u64) -> S
 /// A grid of lamps, about one per 9 square meters.
 fn lamps(size: &Vector3<f64>) -> Vec<Lamp> {
     let [nx, ny] = [size.x, size.y].map(|s| (s / 3.0).round().max(1.0) as usize);
-    let power = 0.9 * size.x * size.y / (nx * ny) as f64 / 9.0 * (size.z / 3.0).sqrt();
+    let power = 2.2 * size.x * size.y / (nx * ny) as f64 / 9.0 * (size.z / 3.0).sqrt();
     let place = |i: usize, n: usize, s: f64| s * ((i as f64 + 0.5) / n as f64 - 0.5);
     (0..nx * ny)
         .map(|k| Lamp {

@@ -8,6 +8,7 @@
 //! stages behind matching; [`Hall`] is painted and rendered, to test all of them.
 
 mod canvas;
+pub mod demo;
 pub mod flight;
 pub mod hall;
 mod light;
@@ -17,9 +18,11 @@ pub mod render;
 pub mod rng;
 pub mod room;
 pub mod sensor;
+pub mod telemetry;
 pub mod texture;
 mod tiles;
 
+pub use demo::{DemoHall, Shot};
 pub use flight::{CenterMotion, along_wall, cam_from_heading, circle, random_walk, ring, yaw_scan};
 pub use hall::Hall;
 pub use points::{PointOptions, PointScene, paper_camera};
@@ -27,3 +30,4 @@ pub use render::{Renderer, Rendering};
 pub use rng::Rng;
 pub use room::{Cuboid, Room, SurfacePoint};
 pub use sensor::{Photo, Sensor};
+pub use telemetry::{TelemetryNoise, telemetry, telemetry_csv};

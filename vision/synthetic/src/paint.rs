@@ -4,7 +4,7 @@
 use nalgebra::Vector2;
 
 use crate::Rng;
-use crate::canvas::{Canvas, Color, Placement, cell_value, fractal_noise, text_aspect, word};
+use crate::canvas::{Canvas, Color, Placement, cell_value, text_aspect, word};
 
 /// What a surface is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,9 +123,8 @@ fn floor(canvas: &mut Canvas, size: Vector2<f64>, rng: &mut Rng) {
         canvas.text(place, &word(rng), height, color);
     }
     // Paint wears off.
-    let wear = rng.bits();
-    canvas.repaint(|x, y, color| {
-        let worn = fractal_noise(wear, x / 0.2, y / 0.2, 4).max(0.0) * 0.6;
+    canvas.weave(rng.bits(), Vector2::new(0.2, 0.2), 4, |color, noise| {
+        let worn = 0.6 * noise.max(0.0);
         std::array::from_fn(|c| color[c] + worn * (base[c] * 0.8 - color[c]))
     });
 }
@@ -168,8 +167,8 @@ fn carton(canvas: &mut Canvas, size: Vector2<f64>, rng: &mut Rng) {
         let at = Vector2::new(rng.range(0.1, 0.9) * size.x, rng.range(0.1, 0.9) * size.y);
         label(canvas, Placement::new(at.x, at.y, 0.08 * rng.normal()), half, rng);
     }
-    let stamp = Placement::new(size.x * rng.range(0.03, 0.3), size.y * rng.range(0.1, 0.8), 0.0);
-    canvas.text(stamp, &word(rng), rng.range(0.05, 0.11), tint(INK, 0.05, rng));
+    let place = Placement::new(size.x * rng.range(0.03, 0.2), size.y * rng.range(0.1, 0.7), 0.0);
+    stencil(canvas, place, rng.range(0.05, 0.11), size, rng);
     if rng.chance(0.6) {
         let place = Placement::new(size.x * rng.range(0.2, 0.9), size.y * rng.range(0.2, 0.8), 0.0);
         canvas.triangle(place, 0.07, [0.7, 0.12, 0.1], 0.9);
@@ -196,12 +195,9 @@ fn wood(canvas: &mut Canvas, size: Vector2<f64>, rng: &mut Rng) {
         y += plank;
     }
     edges(canvas, size, 0.02);
-    let stencil = Placement::new(
-        size.x * rng.range(0.05, 0.3),
-        size.y * rng.range(0.15, 0.6),
-        0.03 * rng.normal(),
-    );
-    canvas.text(stencil, &word(rng), rng.range(0.09, 0.2), tint(INK, 0.05, rng));
+    let turn = 0.03 * rng.normal();
+    let place = Placement::new(size.x * rng.range(0.04, 0.2), size.y * rng.range(0.15, 0.6), turn);
+    stencil(canvas, place, rng.range(0.09, 0.2), size, rng);
     let half = Vector2::new(0.1, 0.07);
     label(canvas, Placement::new(size.x * rng.range(0.2, 0.8), size.y * 0.8, 0.0), half, rng);
 }
@@ -281,6 +277,13 @@ fn label(canvas: &mut Canvas, place: Placement, half: Vector2<f64>, rng: &mut Rn
     let text = word(rng);
     let height = (0.6 * half.y).min(1.7 * half.x / text_aspect(&text));
     canvas.text(offset(place, -0.85 * half.x, -0.8 * half.y), &text, height, INK);
+}
+
+/// A word in ink that ends before the right edge.
+fn stencil(canvas: &mut Canvas, place: Placement, height: f64, size: Vector2<f64>, rng: &mut Rng) {
+    let text = word(rng);
+    let room = 0.96 * size.x - place.origin.x;
+    canvas.text(place, &text, height.min(room / text_aspect(&text)), tint(INK, 0.05, rng));
 }
 
 /// Small marks: flakes, screws, stickers, `density` per square meter.
