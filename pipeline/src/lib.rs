@@ -4,6 +4,21 @@ use std::path::Path;
 
 use volery_scene::Progress;
 
+mod cache;
+mod cameras;
+mod clock;
+mod export;
+mod ingest;
+mod mapping;
+mod matching;
+mod model_file;
+mod options;
+mod pair_log;
+mod photo;
+mod report;
+mod report_html;
+mod run;
+
 pub mod error;
 pub mod map_folder;
 pub mod spec;
@@ -19,7 +34,7 @@ pub use summary::Summary;
 /// * `work_dir` keeps finished units under the hash of what they were made from; a second run
 ///   with the same folder goes on where the first one stopped.
 /// * `out_dir` gets the files of [`map_folder::file`], each written whole or not at all; `map.json`
-///   is the last.
+///   is the last of the map, the reports follow. A failed run leaves only reports.
 /// * Equal photos, options and seed give equal bytes (all files but `report.*`).
 pub fn reconstruct(
     spec: &JobSpec,
@@ -27,6 +42,5 @@ pub fn reconstruct(
     out_dir: &Path,
     progress: &dyn Progress,
 ) -> Result<Summary, PipelineError> {
-    let _ = (spec, work_dir, out_dir, progress);
-    todo!()
+    run::reconstruct(spec, work_dir, out_dir, progress)
 }

@@ -1,15 +1,23 @@
 //! A map folder: what [`crate::reconstruct`] writes and localization reads.
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use serde::{Deserialize, Serialize};
+use volery_formats::{ColmapFiles, colmap::read_colmap_text};
 use volery_geometry::Camera;
 use volery_localization::{
     LocalizationAnswer, LocalizationIndex, LocalizationPrior, LocalizeOptions, StepTimings,
 };
-use volery_scene::{Gravity, GrayImage, OriginRule, Quality, Scale};
+use volery_scene::{EnvironmentMap, Gravity, GrayImage, OriginRule, Quality, Scale, SparseModel};
 
-use crate::{error::PipelineError, spec::CameraSpec};
+use crate::{
+    cameras::scaled_to,
+    error::{PipelineError, code},
+    spec::CameraSpec,
+};
+
+/// Layout of the folder that this software writes and reads.
+pub const MAP_FORMAT: u32 = 1;
 
 /// Names of the files in a map folder.
 pub mod file {
@@ -71,17 +79,35 @@ pub struct MapInfo {
     pub inputs: Vec<MapInput>,
 }
 
+impl MapInfo {
+    /// A name of the map by its content: equal inputs and options give equal ids.
+    pub fn content_id(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.software.as_bytes()).update(&self.seed.to_le_bytes());
+        for input in &self.inputs {
+            hasher.update(input.name.as_bytes()).update(input.blake3.as_bytes());
+        }
+        hasher.finalize().to_hex()[..32].to_owned()
+    }
+}
+
 /// An open map folder.
 pub struct MapFolder {
     info: MapInfo,
+    cameras: Vec<Camera>,
     index: LocalizationIndex,
 }
 
 impl MapFolder {
     /// Reads `map.json` and the localization index.
     pub fn open(folder: &Path) -> Result<Self, PipelineError> {
-        let _ = folder;
-        todo!()
+        let info = read_info(folder)?;
+        let path = folder.join(file::LOCALIZATION);
+        let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
+        let index = LocalizationIndex::from_bytes(&bytes).map_err(|e| bad_map(&path, e))?;
+        let cameras = info.cameras.iter().map(CameraSpec::camera).collect::<Result<_, _>>();
+        let cameras = cameras.map_err(|e| bad_map(&folder.join(file::MAP), e))?;
+        Ok(Self { info, cameras, index })
     }
 
     /// Facts of the map.
@@ -94,14 +120,13 @@ impl MapFolder {
         &self.index
     }
 
-    /// The camera of a query of this size when none is given: the map's camera of the same aspect
-    /// ratio, scaled; `None` when there is none.
+    /// The camera of a query of this size when none is given: the map's first camera of the same
+    /// aspect ratio, scaled; `None` when there is none.
     pub fn camera_for(&self, width: u32, height: u32) -> Option<Camera> {
-        let _ = (width, height);
-        todo!()
+        self.cameras.iter().find_map(|camera| scaled_to(camera, width, height))
     }
 
-    /// The pose of an image in the map. `Instant` measures the steps.
+    /// The pose of an image in the map, with the time of its steps.
     pub fn localize(
         &self,
         image: &GrayImage,
@@ -113,4 +138,55 @@ impl MapFolder {
         let clock = move || start.elapsed().as_secs_f64();
         volery_localization::localize(image, camera, &self.index, prior, options, &clock)
     }
+}
+
+/// Reads `map.json`.
+pub fn read_info(folder: &Path) -> Result<MapInfo, PipelineError> {
+    let path = folder.join(file::MAP);
+    let bytes = fs::read(&path).map_err(|e| {
+        PipelineError::new(
+            code::BAD_MAP,
+            format!("{}: {e}", path.display()),
+            "name a folder that `volery reconstruct` has finished",
+        )
+    })?;
+    let info: MapInfo = serde_json::from_slice(&bytes).map_err(|e| bad_map(&path, e))?;
+    if info.format != MAP_FORMAT {
+        return Err(bad_map(&path, format!("format {} is not {MAP_FORMAT}", info.format)));
+    }
+    Ok(info)
+}
+
+/// Reads the model and the facts of a map folder; zones and unplaced images are not in it.
+pub fn read_map(folder: &Path) -> Result<(MapInfo, EnvironmentMap), PipelineError> {
+    let info = read_info(folder)?;
+    let read = |name: &str| {
+        let path = folder.join(file::COLMAP).join(name);
+        fs::read(&path).map_err(|e| PipelineError::io(&path, &e))
+    };
+    let files = ColmapFiles {
+        cameras: read("cameras.txt")?,
+        images: read("images.txt")?,
+        points: read("points3D.txt")?,
+    };
+    let model: SparseModel =
+        read_colmap_text(&files).map_err(|e| bad_map(&folder.join(file::COLMAP), e))?;
+    let map = EnvironmentMap {
+        model,
+        zones: Vec::new(),
+        unplaced: Vec::new(),
+        scale: info.scale,
+        gravity: info.gravity,
+        origin: info.origin,
+        quality: info.quality.clone(),
+    };
+    Ok((info, map))
+}
+
+fn bad_map(path: &Path, error: impl std::fmt::Display) -> PipelineError {
+    PipelineError::new(
+        code::BAD_MAP,
+        format!("{}: {error}", path.display()),
+        "reconstruct the map again",
+    )
 }

@@ -49,9 +49,25 @@ pub struct ImageInput {
     /// Its calibration; kept fixed. Otherwise [`JobSpec::camera`], EXIF or a guess.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraSpec>,
+    /// Images without calibration share a camera only within a group.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_group: Option<String>,
     /// What else is known of it.
     #[serde(default)]
     pub prior: ImagePrior,
+}
+
+impl ImageInput {
+    /// A photo of which nothing is known.
+    pub fn new(name: impl Into<String>, path: impl Into<PathBuf>) -> Self {
+        Self {
+            name: name.into(),
+            path: path.into(),
+            camera: None,
+            camera_group: None,
+            prior: ImagePrior::default(),
+        }
+    }
 }
 
 /// How much effort a map is worth.

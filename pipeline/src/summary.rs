@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use volery_scene::{Gravity, OriginRule, Quality, Scale, UnplacedReason, Verdict};
 
-use crate::spec::CameraSpec;
+use crate::{error::PipelineError, spec::CameraSpec};
 
 /// Something the user should know.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -119,6 +119,9 @@ pub struct Summary {
     pub warnings: Vec<Warning>,
     /// What would make the next capture better.
     pub advice: Vec<String>,
+    /// Why there is no map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<PipelineError>,
     /// Whole run, seconds.
     pub wall_s: f64,
     /// Whole run, seconds over all cores.

@@ -1,0 +1,122 @@
+//! Last stage: the files of a map folder.
+
+use std::{fs, path::Path};
+
+use volery_formats::{
+    NamedPose, colmap::write_colmap_text, write_glb, write_ply_of_model, write_poses_csv,
+    write_transforms_json,
+};
+use volery_localization::LocalizationIndex;
+use volery_scene::{Descriptor, EnvironmentMap, Progress, SparseModel, Stage};
+
+use crate::{
+    cache::write_atomic,
+    error::{PipelineError, code},
+    ingest::Ingested,
+    map_folder::{MAP_FORMAT, MapInfo, MapInput, file},
+    spec::JobSpec,
+};
+
+/// Writes every file but the reports; `map.json` last, since its presence says that the others
+/// are whole.
+pub(crate) fn write_map(
+    spec: &JobSpec,
+    ingested: &Ingested,
+    map: &EnvironmentMap,
+    out_dir: &Path,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    let marker = out_dir.join(file::MAP);
+    if marker.exists() {
+        fs::remove_file(&marker).map_err(|e| PipelineError::io(&marker, &e))?;
+    }
+    let info = map_info(spec, ingested, map);
+    let index = localization_index(ingested, &map.model);
+    write_files(map, &info, &index, out_dir, progress)
+}
+
+/// Writes the files of a map from its parts.
+pub(crate) fn write_files(
+    map: &EnvironmentMap,
+    info: &MapInfo,
+    index: &LocalizationIndex,
+    out_dir: &Path,
+    progress: &dyn Progress,
+) -> Result<(), PipelineError> {
+    const NUM_FILES: usize = 9;
+    let colmap_dir = out_dir.join(file::COLMAP);
+    fs::create_dir_all(&colmap_dir).map_err(|e| PipelineError::io(&colmap_dir, &e))?;
+    let mut done = 0;
+    let mut write = |path: &Path, content: &[u8]| {
+        progress.check()?;
+        write_atomic(path, content)?;
+        done += 1;
+        progress.report(Stage::Export, done, NUM_FILES);
+        Ok::<(), PipelineError>(())
+    };
+    let model = &map.model;
+    write(&out_dir.join(file::POSES), write_poses_csv(&named_poses(model)).as_bytes())?;
+    let colmap = write_colmap_text(model);
+    write(&colmap_dir.join("cameras.txt"), &colmap.cameras)?;
+    write(&colmap_dir.join("images.txt"), &colmap.images)?;
+    write(&colmap_dir.join("points3D.txt"), &colmap.points)?;
+    write(&out_dir.join(file::SPARSE), &write_ply_of_model(model))?;
+    write(&out_dir.join(file::GLB), &write_glb(map, &info.content_id()))?;
+    write(&out_dir.join(file::TRANSFORMS), write_transforms_json(model, "images").as_bytes())?;
+    write(&out_dir.join(file::LOCALIZATION), &index.to_bytes())?;
+    let json = serde_json::to_vec_pretty(info)
+        .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
+    write(&out_dir.join(file::MAP), &json)
+}
+
+/// Poses in the order of the image ids.
+pub(crate) fn named_poses(model: &SparseModel) -> Vec<NamedPose> {
+    let images = model.images.values();
+    images
+        .map(|image| NamedPose {
+            image: image.name.clone(),
+            world_from_cam: image.cam_from_world.inverse(),
+        })
+        .collect()
+}
+
+fn localization_index(ingested: &Ingested, model: &SparseModel) -> LocalizationIndex {
+    let photos = model.images.keys().map(|id| &ingested.usable[id.0 as usize].photo);
+    let descriptors: Vec<Vec<Descriptor>> =
+        photos.clone().map(|photo| photo.features.descriptors.clone()).collect();
+    let globals: Vec<_> = photos.map(|photo| photo.global.clone()).collect();
+    LocalizationIndex::new(model, &descriptors, &globals)
+}
+
+fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInfo {
+    let inputs = spec.images.iter().zip(&ingested.hashes).filter_map(|(image, hash)| {
+        Some(MapInput { name: image.name.clone(), blake3: hash.as_ref()?.to_hex().to_string() })
+    });
+    MapInfo {
+        format: MAP_FORMAT,
+        software: concat!("volery ", env!("CARGO_PKG_VERSION")).to_owned(),
+        scale: map.scale,
+        gravity: map.gravity,
+        origin: map.origin,
+        quality: map.quality.clone(),
+        cameras: map.model.cameras.values().map(Into::into).collect(),
+        num_images: map.model.images.len(),
+        num_points: map.model.points.len(),
+        bounds: bounds(&map.model),
+        seed: spec.seed,
+        inputs: inputs.collect(),
+    }
+}
+
+/// Box around the points without the outermost hundredth on every side.
+pub(crate) fn bounds(model: &SparseModel) -> Option<[[f64; 3]; 2]> {
+    let mut corners = [[0.0; 3]; 2];
+    for axis in 0..3 {
+        let mut values: Vec<f64> = model.points.values().map(|p| p.position[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        let cut = values.len() / 100;
+        corners[0][axis] = *values.get(cut)?;
+        corners[1][axis] = values[values.len() - 1 - cut];
+    }
+    Some(corners)
+}
