@@ -89,11 +89,8 @@ pub fn write_two_view_geometries(pairs: &[TwoViewGeometry]) -> Vec<u8> {
         bytes.extend(pair.image1.0.to_le_bytes());
         bytes.extend(pair.image2.0.to_le_bytes());
         bytes.push(number_of_kind(pair.kind));
-        let present = [
-            pair.cam2_from_cam1.is_some(),
-            pair.fundamental.is_some(),
-            pair.homography.is_some(),
-        ];
+        let present =
+            [pair.cam2_from_cam1.is_some(), pair.fundamental.is_some(), pair.homography.is_some()];
         bytes.push(present.iter().enumerate().map(|(bit, &is)| u8::from(is) << bit).sum());
         bytes.extend((pair.num_putative as u64).to_le_bytes());
         bytes.extend(pair.median_parallax.to_le_bytes());

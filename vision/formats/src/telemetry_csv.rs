@@ -1,8 +1,9 @@
 //! `telemetry.csv`: what a drone reported per image.
 
-use volery_scene::ImagePrior;
+use volery_scene::{AttitudePrior, HeightPrior, ImagePrior};
 
 use crate::TableError;
+use crate::table::Table;
 
 /// One image's telemetry.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,11 +33,69 @@ impl Default for TelemetrySigmas {
 }
 
 /// Reads `image` and any of `time_s, yaw_deg, pitch_deg, roll_deg, height_m`, found by the names
-/// in the header line; empty fields and missing columns are `None`.
+/// in the header line; empty fields and missing columns are `None`. An attitude needs all three
+/// angles. Other columns are ignored.
 pub fn read_telemetry_csv(
     bytes: &[u8],
     sigmas: &TelemetrySigmas,
 ) -> Result<Vec<TelemetryRow>, TableError> {
-    let _ = (bytes, sigmas);
-    todo!()
+    let table = Table::parse(bytes)?;
+    let images = table.image_names()?;
+    let [time_s, yaw, pitch, roll, height] =
+        ["time_s", "yaw_deg", "pitch_deg", "roll_deg", "height_m"].map(|name| table.column(name));
+    images
+        .into_iter()
+        .zip(table.rows())
+        .map(|(image, row)| {
+            let angles = [row.optional(yaw)?, row.optional(pitch)?, row.optional(roll)?];
+            let attitude = match angles {
+                [Some(yaw), Some(pitch), Some(roll)] => Some(AttitudePrior {
+                    yaw: yaw.to_radians(),
+                    pitch: pitch.to_radians(),
+                    roll: roll.to_radians(),
+                    sigma_yaw: sigmas.yaw,
+                    sigma_tilt: sigmas.tilt,
+                }),
+                _ => None,
+            };
+            let height = row.optional(height)?;
+            let prior = ImagePrior {
+                attitude,
+                height: height.map(|height| HeightPrior { height, sigma: sigmas.height }),
+                position: None,
+                time_s: row.optional(time_s)?,
+            };
+            Ok(TelemetryRow { image, prior })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Vec<TelemetryRow> {
+        read_telemetry_csv(text.as_bytes(), &TelemetrySigmas::default()).unwrap()
+    }
+
+    /// P91: yaw, pitch, roll and height of each image reach the reconstruction, in radians.
+    #[test]
+    fn columns_are_found_by_name() {
+        let rows = read("height_m,image,roll_deg,yaw_deg,extra,pitch_deg\n2.5,a.jpg,-1,180,x,3\n");
+        let prior = rows[0].prior;
+        let attitude = prior.attitude.unwrap();
+        assert!((attitude.yaw - std::f64::consts::PI).abs() < 1e-12);
+        assert!((attitude.pitch - 3.0_f64.to_radians()).abs() < 1e-12);
+        assert!((attitude.roll + 1.0_f64.to_radians()).abs() < 1e-12);
+        assert_eq!(prior.height.unwrap().height, 2.5);
+        assert_eq!(prior.time_s, None);
+    }
+
+    #[test]
+    fn half_an_attitude_is_none() {
+        let rows = read("image,time_s,yaw_deg,pitch_deg,roll_deg,height_m\na,7,10,,0,\n");
+        assert_eq!(rows[0].prior.attitude, None);
+        assert_eq!(rows[0].prior.height, None);
+        assert_eq!(rows[0].prior.time_s, Some(7.0));
+    }
 }

@@ -1,6 +1,9 @@
 //! COLMAP's sparse models, text and binary.
+//!
+//! Our ids count from 0, COLMAP's from 1: ids are written plus one and read minus one.
 
 mod binary;
+mod build;
 mod text;
 
 pub use binary::{read_colmap_binary, write_colmap_binary};
@@ -49,16 +52,22 @@ pub enum ColmapError {
         /// What is wrong.
         detail: String,
     },
-    /// An image or point names something that is not there.
-    #[error("{file:?} file, line or record {record}: {what} {id} does not exist")]
+    /// An image or point names something that is not there, or that does not name it back.
+    #[error("{file:?} file: {what} {id} does not exist or does not point back")]
     Dangling {
         /// Which file.
         file: ColmapFile,
-        /// From 1.
-        record: usize,
         /// What it names.
         what: &'static str,
-        /// The id.
+        /// The id as written in the file.
         id: u64,
     },
 }
+
+/// A file name as it may stand in a record: control characters would break it.
+fn clean_name(name: &str) -> String {
+    name.chars().map(|c| if c.is_control() { '_' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests;

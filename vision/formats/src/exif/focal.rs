@@ -61,9 +61,10 @@ pub struct FocalGuess {
 pub fn guess_focal(exif: &ExifSummary, width: u32, height: u32) -> FocalGuess {
     let max_side = f64::from(width.max(height));
     let film = exif.focal_35mm.map(|f| f / FILM_WIDTH_MM);
-    let plane = exif.focal_mm.zip(exif.focal_plane_pixels_per_mm).map(|(f, per_mm)| {
-        f * per_mm / exif.recorded_max_side.map_or(max_side, f64::from)
-    });
+    let plane = exif
+        .focal_mm
+        .zip(exif.focal_plane_pixels_per_mm)
+        .map(|(f, per_mm)| f * per_mm / exif.recorded_max_side.map_or(max_side, f64::from));
     let table = exif.focal_mm.zip(sensor_width_mm(exif.model.as_deref())).map(|(f, w)| f / w);
 
     let mut warnings = Vec::new();

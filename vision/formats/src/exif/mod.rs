@@ -175,7 +175,9 @@ impl Fields<'_> {
         let value = self.value(tag)?;
         let angle = real(value, 0)? + real(value, 1)? / 60.0 + real(value, 2)? / 3600.0;
         let is_negative = match self.value(reference) {
-            Some(Value::Ascii(parts)) => parts.first().is_some_and(|p| p.first() == Some(&negative)),
+            Some(Value::Ascii(parts)) => {
+                parts.first().is_some_and(|p| p.first() == Some(&negative))
+            }
             _ => return None,
         };
         angle.is_finite().then_some(if is_negative { -angle } else { angle })
