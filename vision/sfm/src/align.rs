@@ -1,8 +1,23 @@
 //! Gravity, scale, origin and forward vector: a reconstruction becomes an environment map.
 
-use volery_scene::{EnvironmentMap, ImagePrior, KnownDistance, OriginRule};
+mod gravity;
+mod positions;
+mod scale;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{
+    Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion, Vector3,
+};
+use volery_scene::{
+    EnvironmentMap, Gravity, GravitySource, ImagePrior, KnownDistance, OriginRule, QualityReason,
+    RegisteredImage, Scale, ScaleSource, SparseModel, Verdict,
+};
 
 use crate::Reconstruction;
+use gravity::GravityEstimate;
+use positions::PositionFit;
+use scale::ScaleEstimate;
 
 /// Options of [`environment_map`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -13,14 +28,186 @@ pub struct AlignOptions {
     pub known_distances: Vec<KnownDistance>,
 }
 
+/// A scale that is known worse is no metric scale.
+const MAX_SCALE_SIGMA: f64 = 0.05;
+/// Sources that differ by more combined standard deviations contradict each other.
+const MAX_DEVIATIONS: f64 = 3.0;
+
 /// The map of a reconstruction: z up, x forward (P50, P51), metric where a prior says so.
 ///
-/// `priors[i]` belongs to `ImageId(i)`.
+/// `priors[i]` belongs to `ImageId(i)`; missing ones count as empty. Of several sources of scale
+/// or gravity the most precise wins; sources that contradict it by more than three standard
+/// deviations are named in the verdict, which is then no longer good. With
+/// [`OriginRule::Given`] the frame of the position priors is kept as it is; without positions
+/// that determine it the origin is the last camera, and the map says so.
 pub fn environment_map(
     reconstruction: Reconstruction,
     priors: &[ImagePrior],
     options: &AlignOptions,
 ) -> EnvironmentMap {
-    let _ = (reconstruction, priors, options);
-    todo!()
+    let Reconstruction { models, unplaced, mut quality, .. } = reconstruction;
+    let mut models = models.into_iter();
+    let mut model = models.next().unwrap_or_default();
+    let zones: Vec<SparseModel> = models.collect();
+
+    let fit = positions::fit_positions(&model, priors);
+    let mut contradictions = Vec::new();
+    let (up, gravity) = choose_gravity(&model, priors, fit.as_ref(), &mut contradictions);
+    let sources = scale::scales(&model, priors, &up, fit.as_ref(), &options.known_distances);
+    let (factor, scale) = choose_scale(sources, &mut contradictions);
+
+    let given = match (options.origin, &fit) {
+        (OriginRule::Given, Some(fit)) => fit.map_from_model,
+        _ => None,
+    };
+    let (map_from_model, scale, gravity, origin) = match (given, &fit) {
+        (Some(map_from_model), Some(fit)) => (
+            map_from_model,
+            Scale {
+                metric: fit.scale_sigma_rel <= MAX_SCALE_SIGMA,
+                source: ScaleSource::Positions,
+                sigma_rel: (fit.scale_sigma_rel <= MAX_SCALE_SIGMA).then_some(fit.scale_sigma_rel),
+            },
+            Gravity { source: GravitySource::Positions, sigma: fit.tilt_sigma },
+            OriginRule::Given,
+        ),
+        _ => {
+            let origin = match options.origin {
+                OriginRule::Given => OriginRule::LastCamera,
+                rule => rule,
+            };
+            (levelled_frame(&model, &up, factor, origin), scale, gravity, origin)
+        }
+    };
+    model.transform(&map_from_model);
+    if !contradictions.is_empty() {
+        quality.verdict = quality.verdict.max(Verdict::Suspect);
+        quality.reasons.append(&mut contradictions);
+    }
+    EnvironmentMap { model, zones, unplaced, scale, gravity, origin, quality }
+}
+
+/// Up direction in the frame of the model, from the most precise source.
+fn choose_gravity(
+    model: &SparseModel,
+    priors: &[ImagePrior],
+    fit: Option<&PositionFit>,
+    contradictions: &mut Vec<QualityReason>,
+) -> (Unit<Vector3<f64>>, Gravity) {
+    let mut sources: Vec<GravityEstimate> = Vec::new();
+    sources.extend(gravity::from_attitudes(model, priors));
+    if let Some(fit) = fit
+        && let (Some(map_from_model), Some(sigma)) = (fit.map_from_model, fit.tilt_sigma)
+    {
+        let up = map_from_model.isometry.rotation.inverse() * Vector3::z_axis();
+        sources.push(GravityEstimate { up, sigma, source: GravitySource::Positions });
+    }
+    sources.sort_by(|a, b| a.sigma.total_cmp(&b.sigma));
+    let Some(best) = sources.first().copied() else {
+        let gravity = Gravity { source: GravitySource::CameraUp, sigma: None };
+        return (gravity::from_camera_axes(model), gravity);
+    };
+    for other in &sources[1..] {
+        let angle = best.up.angle(&other.up);
+        if angle > MAX_DEVIATIONS * best.sigma.hypot(other.sigma) {
+            contradictions.push(QualityReason {
+                code: "contradicting_gravity".to_owned(),
+                detail: format!(
+                    "attitudes and positions disagree about up by {:.1} degrees; the map follows \
+                     the {}",
+                    angle.to_degrees(),
+                    if best.source == GravitySource::Attitude { "attitudes" } else { "positions" }
+                ),
+            });
+        }
+    }
+    (best.up, Gravity { source: best.source, sigma: Some(best.sigma) })
+}
+
+/// Meters per model unit (1 when unknown) with its proof.
+fn choose_scale(
+    mut sources: Vec<ScaleEstimate>,
+    contradictions: &mut Vec<QualityReason>,
+) -> (f64, Scale) {
+    sources.retain(|s| s.factor.is_finite() && s.factor > 0.0 && s.sigma_rel <= MAX_SCALE_SIGMA);
+    sources.sort_by(|a, b| a.sigma_rel.total_cmp(&b.sigma_rel));
+    let Some(best) = sources.first().copied() else {
+        return (1.0, Scale { metric: false, source: ScaleSource::Unknown, sigma_rel: None });
+    };
+    for other in &sources[1..] {
+        let difference = (other.factor / best.factor).ln().abs();
+        if difference > MAX_DEVIATIONS * best.sigma_rel.hypot(other.sigma_rel) {
+            contradictions.push(QualityReason {
+                code: "contradicting_scale".to_owned(),
+                detail: format!(
+                    "{} say {:.1} % more or less than {}, which the map follows",
+                    name(other.source),
+                    100.0 * (difference.exp() - 1.0),
+                    name(best.source)
+                ),
+            });
+        }
+    }
+    let scale = Scale { metric: true, source: best.source, sigma_rel: Some(best.sigma_rel) };
+    (best.factor, scale)
+}
+
+fn name(source: ScaleSource) -> &'static str {
+    match source {
+        ScaleSource::Unknown => "nothing",
+        ScaleSource::Positions => "the positions",
+        ScaleSource::Heights => "the heights",
+        ScaleSource::KnownDistance => "the known distances",
+        ScaleSource::ControlPoints => "the control points",
+    }
+}
+
+/// Frame with z along `up`, x along the levelled view of the last image (P51), origin by rule
+/// (P50), lengths times `factor`.
+fn levelled_frame(
+    model: &SparseModel,
+    up: &Unit<Vector3<f64>>,
+    factor: f64,
+    origin: OriginRule,
+) -> Similarity3<f64> {
+    let last = model.images.values().next_back();
+    let forward = last.map_or(Vector3::x(), |image| levelled_forward(image, up));
+    let left = up.cross(&forward).normalize();
+    let forward = left.cross(up);
+    let axes = Matrix3::from_rows(&[
+        forward.transpose(),
+        left.transpose(),
+        up.into_inner().transpose(),
+    ]);
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    let center = match origin {
+        OriginRule::MeanCameras => mean_center(model),
+        _ => last.map_or(Point3::origin(), RegisteredImage::center),
+    };
+    let translation = -(rotation * center.coords) * factor;
+    Similarity3::from_isometry(
+        Isometry3::from_parts(Translation3::from(translation), rotation),
+        factor,
+    )
+}
+
+fn mean_center(model: &SparseModel) -> Point3<f64> {
+    let sum: Vector3<f64> = model.images.values().map(|image| image.center().coords).sum();
+    Point3::from(sum / (model.images.len().max(1) as f64))
+}
+
+/// Horizontal direction in which an image looks; a camera that looks straight down (or up) has its
+/// heading at the top (bottom) of the image.
+fn levelled_forward(image: &RegisteredImage, up: &Unit<Vector3<f64>>) -> Vector3<f64> {
+    let world_from_cam = image.cam_from_world.rotation.inverse();
+    let level = |v: Vector3<f64>| v - up.scale(up.dot(&v));
+    let view = world_from_cam * Vector3::z();
+    let levelled = level(view);
+    // Within a degree of the vertical the levelled view is noise.
+    let vertical = up.dot(&view);
+    if levelled.norm() > 0.02 {
+        return levelled;
+    }
+    level(world_from_cam * Vector3::y()) * vertical.signum()
 }

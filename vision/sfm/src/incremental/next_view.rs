@@ -43,8 +43,8 @@ impl WorkingModel<'_> {
     }
 }
 
-/// Occupied cells of a pyramid of grids over the image, a cell of a finer grid counting as many
-/// times as the grid has cells: grows with the number of points and more with their spread.
+/// Occupied cells of a pyramid of grids over the image, a cell counting as many times as its grid
+/// has rows: grows with the number of points and more with their spread.
 ///
 /// Source: Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016, 4.2.
 pub(crate) fn spread_score(pixels: &[Point2<f64>], width: u32, height: u32) -> u64 {
@@ -58,7 +58,7 @@ pub(crate) fn spread_score(pixels: &[Point2<f64>], width: u32, height: u32) -> u
     for level in (1..=NUM_LEVELS).rev() {
         cells.sort_unstable();
         cells.dedup();
-        score += cells.len() as u64 * (1 << (2 * level));
+        score += cells.len() as u64 * (1 << level);
         for cell in &mut cells {
             *cell = (cell.0 / 2, cell.1 / 2);
         }
