@@ -70,4 +70,4 @@ fn clean_name(name: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
