@@ -1,6 +1,7 @@
 //! Image pairs to a metric sparse model.
 
 pub mod align;
+pub mod global;
 pub mod incremental;
 pub mod pairs;
 pub mod quality;
@@ -11,6 +12,7 @@ mod triangulation;
 mod view_graph;
 
 pub use align::{AlignOptions, environment_map};
+pub use global::map_globally;
 pub use incremental::map_incrementally;
 pub use pairs::{PairOptions, select_pairs};
 pub use reconstruct::{

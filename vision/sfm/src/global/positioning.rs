@@ -1,5 +1,7 @@
 //! Camera centers and points from rotations and tracks, all at once.
 
+use std::ops::Range;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::{Conj, MatMut, Par};
@@ -103,6 +105,8 @@ struct Values {
 
 struct Solver<'a> {
     observations: &'a [RayObservation],
+    /// Observations of one point each.
+    tracks: Vec<Range<usize>>,
     values: Values,
 }
 
@@ -126,8 +130,17 @@ impl<'a> Solver<'a> {
             let b = start.points[o.point] - start.centers[o.image];
             (o.ray_in_world.dot(&b) / b.norm_squared().max(1e-12)).max(MIN_INVERSE_DEPTH)
         };
+        let mut first = 0;
+        let tracks = observations
+            .chunk_by(|a, b| a.point == b.point)
+            .map(|of_point| {
+                first += of_point.len();
+                first - of_point.len()..first
+            })
+            .collect();
         Self {
             observations,
+            tracks,
             values: Values {
                 positions: start.clone(),
                 inverse_depths: observations.iter().map(best_inverse_depth).collect(),
@@ -174,9 +187,8 @@ impl<'a> Solver<'a> {
         let reduced: Vec<Reduced> =
             (0..self.observations.len()).map(|i| self.reduce(i, damping).0).collect();
 
-        for of_point in self.observations.chunk_by(|a, b| a.point == b.point) {
-            let first = index_of(self.observations, of_point);
-            let reduced = &reduced[first..first + of_point.len()];
+        for track in &self.tracks {
+            let (of_point, reduced) = (&self.observations[track.clone()], &reduced[track.clone()]);
             let mut v: Matrix3<f64> = reduced.iter().map(|r| r.m).sum();
             let gradient: Vector3<f64> = reduced.iter().map(|r| r.gradient).sum();
             let floor = 1e-6 * v.diagonal().max() + 1e-30;
@@ -215,18 +227,18 @@ impl<'a> Solver<'a> {
         let delta_center = |o: &RayObservation| {
             next.positions.centers[o.image] - self.values.positions.centers[o.image]
         };
-        for of_point in self.observations.chunk_by(|a, b| a.point == b.point) {
-            let first = index_of(self.observations, of_point);
+        for track in &self.tracks {
+            let of_point = &self.observations[track.clone()];
             let (inverse, gradient) = &points[of_point[0].point];
             let mut pull = -gradient;
-            for (o, r) in of_point.iter().zip(&reduced[first..]) {
+            for (o, r) in of_point.iter().zip(&reduced[track.clone()]) {
                 pull += r.m * delta_center(o);
             }
             let delta_point = inverse * pull;
             next.positions.points[of_point[0].point] += delta_point;
             for (offset, o) in of_point.iter().enumerate() {
-                let (_, b, b_r, bb) = self.reduce(first + offset, damping);
-                let d = &mut next.inverse_depths[first + offset];
+                let (_, b, b_r, bb) = self.reduce(track.start + offset, damping);
+                let d = &mut next.inverse_depths[track.start + offset];
                 let delta = delta_point - delta_center(o);
                 // b·(r − d δ − b δd) = 0, damped.
                 *d = (*d + (b_r - *d * b.dot(&delta)) / bb).max(MIN_INVERSE_DEPTH);
@@ -235,11 +247,6 @@ impl<'a> Solver<'a> {
         let is_finite = right.iter().all(|v| v.is_finite());
         is_finite.then_some(next)
     }
-}
-
-/// Position of a sub-slice.
-fn index_of(all: &[RayObservation], part: &[RayObservation]) -> usize {
-    (part.as_ptr() as usize - all.as_ptr() as usize) / size_of::<RayObservation>()
 }
 
 /// Adds to block (row, column) of a column-major matrix.

@@ -13,6 +13,7 @@ use volery_geometry::Camera;
 use volery_scene::{Cancelled, Observation, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
+pub(crate) use initial_pair::{median, relative_pose};
 use initial_pair::{InitialDemands, rank_initial_pairs};
 use resection::Support;
 pub(crate) use working::{Input, WorkingModel};
