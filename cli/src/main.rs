@@ -1,1 +1,31 @@
-fn main() {}
+//! The `volery` command. It only wires: every subcommand is a file of its own.
+//!
+//! Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but not wholly (a map that is suspect or
+//! misses many photos, files that could not be read).
+
+mod args;
+mod input;
+mod localize;
+mod output;
+mod progress;
+mod reconstruct;
+mod worker;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let json = cli.json;
+    let outcome = match cli.command {
+        Command::Reconstruct(args) => reconstruct::run(&args, json),
+        Command::Localize(args) => localize::run(&args, json),
+        Command::RunJob { folder } => worker::run_job(&folder),
+        Command::RunDecoder => worker::run_decoder(),
+        Command::RunLocalizer => worker::run_localizer(),
+    };
+    output::finish(outcome, json)
+}

@@ -12,6 +12,7 @@ use volery_scene::{Descriptor, EnvironmentMap, Progress, SparseModel, Stage};
 use crate::{
     cache::write_atomic,
     error::{PipelineError, code},
+    heading::NorthInMap,
     ingest::Ingested,
     map_folder::{MAP_FORMAT, MapInfo, MapInput, file},
     spec::JobSpec,
@@ -31,7 +32,7 @@ pub(crate) fn write_map(
         fs::remove_file(&marker).map_err(|e| PipelineError::io(&marker, &e))?;
     }
     let info = map_info(spec, ingested, map);
-    let index = localization_index(ingested, &map.model);
+    let index = localization_index(ingested, &map.model).to_bytes();
     write_files(map, &info, &index, out_dir, progress)
 }
 
@@ -39,7 +40,7 @@ pub(crate) fn write_map(
 pub(crate) fn write_files(
     map: &EnvironmentMap,
     info: &MapInfo,
-    index: &LocalizationIndex,
+    index: &[u8],
     out_dir: &Path,
     progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
@@ -63,7 +64,7 @@ pub(crate) fn write_files(
     write(&out_dir.join(file::SPARSE), &write_ply_of_model(model))?;
     write(&out_dir.join(file::GLB), &write_glb(map, &info.content_id()))?;
     write(&out_dir.join(file::TRANSFORMS), write_transforms_json(model, "images").as_bytes())?;
-    write(&out_dir.join(file::LOCALIZATION), &index.to_bytes())?;
+    write(&out_dir.join(file::LOCALIZATION), index)?;
     let json = serde_json::to_vec_pretty(info)
         .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
     write(&out_dir.join(file::MAP), &json)
@@ -92,6 +93,8 @@ fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInf
     let inputs = spec.images.iter().zip(&ingested.hashes).filter_map(|(image, hash)| {
         Some(MapInput { name: image.name.clone(), blake3: hash.as_ref()?.to_hex().to_string() })
     });
+    let priors: Vec<_> =
+        ingested.usable.iter().map(|photo| spec.images[photo.input].prior).collect();
     MapInfo {
         format: MAP_FORMAT,
         software: concat!("volery ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -103,6 +106,8 @@ fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInf
         num_images: map.model.images.len(),
         num_points: map.model.points.len(),
         bounds: bounds(&map.model),
+        north: NorthInMap::estimate(&map.model, &priors),
+        map_from_index: None,
         seed: spec.seed,
         inputs: inputs.collect(),
     }

@@ -8,10 +8,12 @@ mod cache;
 mod cameras;
 mod clock;
 mod export;
+mod heading;
 mod ingest;
 mod mapping;
 mod matching;
 mod model_file;
+mod moved;
 mod options;
 mod pair_log;
 mod photo;
@@ -23,9 +25,12 @@ pub mod error;
 pub mod map_folder;
 pub mod spec;
 pub mod summary;
+pub mod worker;
 
 pub use error::PipelineError;
+pub use heading::NorthInMap;
 pub use map_folder::{MapFolder, MapInfo};
+pub use moved::MovedBy;
 pub use spec::{CameraSpec, ImageInput, JobSpec, Preset, StageGroup};
 pub use summary::Summary;
 

@@ -13,6 +13,8 @@ use volery_scene::{EnvironmentMap, Gravity, GrayImage, OriginRule, Quality, Scal
 use crate::{
     cameras::scaled_to,
     error::{PipelineError, code},
+    heading::NorthInMap,
+    moved::MovedBy,
     spec::CameraSpec,
 };
 
@@ -73,6 +75,12 @@ pub struct MapInfo {
     pub num_points: usize,
     /// Corners of the box around the points, without the outermost percent.
     pub bounds: Option<[[f64; 3]; 2]>,
+    /// How the compass of the flight lies in the map, if it had one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub north: Option<NorthInMap>,
+    /// The map was moved after the localization index was made; `None` if it was not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map_from_index: Option<MovedBy>,
     /// Seed of the run.
     pub seed: u64,
     /// Everything that went in.
@@ -136,7 +144,17 @@ impl MapFolder {
     ) -> (LocalizationAnswer, StepTimings) {
         let start = std::time::Instant::now();
         let clock = move || start.elapsed().as_secs_f64();
-        volery_localization::localize(image, camera, &self.index, prior, options, &clock)
+        let index = &self.index;
+        match &self.info.map_from_index {
+            None => volery_localization::localize(image, camera, index, prior, options, &clock),
+            Some(moved) => {
+                let prior = moved.prior_in_index(prior);
+                let (mut answer, timings) =
+                    volery_localization::localize(image, camera, index, &prior, options, &clock);
+                moved.move_answer(&mut answer);
+                (answer, timings)
+            }
+        }
     }
 }
 

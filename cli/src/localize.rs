@@ -1,0 +1,155 @@
+//! `volery localize` against a map folder, without a server.
+
+use std::{fs, path::Path, time::Instant};
+
+use serde::Serialize;
+use volery_api::{ImageEncoding, Localization, LocalizeStatus};
+use volery_formats::{NamedPose, write_poses_csv};
+use volery_geometry::{Isometry3, UnitQuaternion};
+use volery_localization::{LocalizationPrior, LocalizeOptions, Status};
+use volery_pipeline::{
+    MapFolder, PipelineError,
+    error::code,
+    worker::{localization, query_image},
+};
+use volery_scene::ImagePrior;
+
+use crate::{
+    args::LocalizeArgs,
+    input::{self, PhotoFile},
+    output::{Ending, Outcome, print_json},
+};
+
+/// The answer to one photo.
+#[derive(Debug, Serialize)]
+pub(crate) struct Answer {
+    pub(crate) image: String,
+    #[serde(flatten)]
+    pub(crate) result: AnswerResult,
+}
+
+/// What came of a photo.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub(crate) enum AnswerResult {
+    Localization(Box<Localization>),
+    /// It could not even be asked about.
+    Error {
+        error: PipelineError,
+    },
+}
+
+pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
+    let [folder, photos @ ..] = args.paths.as_slice() else { return Err(no_photos()) };
+    if photos.is_empty() {
+        return Err(no_photos());
+    }
+    let map = MapFolder::open(folder)?;
+    let files = input::photos(photos)?;
+    let camera = match &args.camera {
+        Some(path) => Some(input::camera(path)?.camera().map_err(|e| input::unusable(path, &e))?),
+        None => None,
+    };
+    let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
+    let options = LocalizeOptions { seed: args.seed, ..LocalizeOptions::default() };
+    let (mut answers, mut poses) = (Vec::new(), Vec::new());
+    for file in &files {
+        let prior = telemetry.as_ref().and_then(|rows| rows.get(&file.name));
+        let prior = prior.map_or_else(LocalizationPrior::default, |prior| map_prior(&map, prior));
+        let (result, pose) = match localize(file, &map, camera.as_ref(), &prior, &options) {
+            Ok((answer, pose)) => (AnswerResult::Localization(Box::new(answer)), pose),
+            Err(error) => (AnswerResult::Error { error }, None),
+        };
+        if let Some(world_from_cam) = pose {
+            poses.push(NamedPose { image: file.name.clone(), world_from_cam });
+        }
+        let answer = Answer { image: file.name.clone(), result };
+        if !json {
+            print_text(&answer);
+        }
+        answers.push(answer);
+    }
+    write(args.out.as_deref(), &poses)?;
+    if json {
+        print_json(&serde_json::json!({
+            "metric": map.info().scale.metric,
+            "num_images": answers.len(),
+            "num_ok": poses.len(),
+            "images": answers,
+        }));
+    } else {
+        println!("{} of {} photos localized", poses.len(), answers.len());
+    }
+    let any_error = answers.iter().any(|a| matches!(a.result, AnswerResult::Error { .. }));
+    Ok(if any_error { Ending::Partial } else { Ending::Done })
+}
+
+fn localize(
+    file: &PhotoFile,
+    map: &MapFolder,
+    camera: Option<&volery_geometry::Camera>,
+    prior: &LocalizationPrior,
+    options: &LocalizeOptions,
+) -> Result<(Localization, Option<Isometry3<f64>>), PipelineError> {
+    let start = Instant::now();
+    let bytes = fs::read(&file.path).map_err(|e| PipelineError::io(&file.path, &e))?;
+    let query = query_image(&bytes, ImageEncoding::Auto, None, camera, map)
+        .map_err(|e| PipelineError::plain(e.code(), format!("{}: {e}", file.name)))?;
+    let decode_ms = start.elapsed().as_secs_f64() * 1e3;
+    let (answer, timings) = map.localize(&query.image, &query.camera, prior, options);
+    let mut reply = localization(&answer, &timings);
+    reply.timings.decode_ms = Some(decode_ms);
+    reply.timings.total_ms = Some(start.elapsed().as_secs_f64() * 1e3);
+    let pose = match answer.status {
+        Status::Ok(estimate) => Some(estimate.map_from_camera),
+        _ => None,
+    };
+    Ok((reply, pose))
+}
+
+/// The yaw of the telemetry, in the map.
+fn map_prior(map: &MapFolder, prior: &ImagePrior) -> LocalizationPrior {
+    let yaw = map.info().north.zip(prior.attitude).map(|(north, attitude)| north.yaw_of(&attitude));
+    LocalizationPrior { position: None, yaw }
+}
+
+/// Poses as a table; nothing if no file is named.
+pub(crate) fn write(out: Option<&Path>, poses: &[NamedPose]) -> Result<(), PipelineError> {
+    let Some(out) = out else { return Ok(()) };
+    fs::write(out, write_poses_csv(poses)).map_err(|e| PipelineError::io(out, &e))
+}
+
+/// The pose of an answer over the wire.
+pub(crate) fn pose_of(answer: &Localization) -> Option<Isometry3<f64>> {
+    let pose = answer.pose.as_ref().filter(|_| answer.status == LocalizeStatus::Ok)?;
+    let [w, i, j, k] = pose.orientation;
+    let rotation = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, i, j, k));
+    Some(Isometry3::from_parts(pose.position.into(), rotation))
+}
+
+pub(crate) fn print_text(answer: &Answer) {
+    match &answer.result {
+        AnswerResult::Error { error } => println!("{}: error: {error}", answer.image),
+        AnswerResult::Localization(found) => match (&found.pose, &found.reason) {
+            (Some(pose), _) => {
+                let [x, y, z] = pose.position;
+                println!(
+                    "{}: ok, ({x:.3}, {y:.3}, {z:.3}), {} inliers",
+                    answer.image, found.num_inliers
+                );
+            }
+            (None, reason) => {
+                let reason = reason.as_deref().unwrap_or("ambiguous");
+                println!("{}: not found, {reason}", answer.image);
+            }
+        },
+    }
+}
+
+fn no_photos() -> PipelineError {
+    PipelineError::new(
+        code::BAD_INPUT,
+        "no photos are named",
+        "volery localize MAP PHOTOS, or volery localize --server URL --map ID PHOTOS",
+    )
+}

@@ -1,0 +1,127 @@
+//! `volery reconstruct`.
+
+use std::{collections::BTreeMap, fs};
+
+use volery_formats::read_positions_csv;
+use volery_pipeline::{ImageInput, JobSpec, PipelineError, Summary, error::code, reconstruct};
+use volery_scene::{ImagePrior, Verdict};
+
+use crate::{
+    args::ReconstructArgs,
+    input,
+    output::{Ending, Outcome, print_json},
+    progress::Terminal,
+};
+
+/// Folder inside OUT that holds finished units until the map is done.
+const WORK_FOLDER: &str = ".work";
+
+pub(crate) fn run(args: &ReconstructArgs, json: bool) -> Outcome {
+    let spec = job_spec(args)?;
+    let own_work = args.out.join(WORK_FOLDER);
+    let work = args.work.as_ref().unwrap_or(&own_work);
+    let progress = Terminal::new();
+    let summary = reconstruct(&spec, work, &args.out, &progress);
+    progress.finish();
+    let summary = summary.map_err(|error| resumable(error, args.work.is_none()))?;
+    if args.work.is_none() {
+        fs::remove_dir_all(&own_work).map_err(|e| PipelineError::io(&own_work, &e))?;
+    }
+    if json {
+        print_json(&summary);
+    } else {
+        print_text(&summary, args);
+    }
+    Ok(if summary.is_complete() { Ending::Done } else { Ending::Partial })
+}
+
+fn resumable(error: PipelineError, has_own_work: bool) -> PipelineError {
+    if error.is_cancelled() && has_own_work {
+        PipelineError { hint: Some("the same command goes on where it stopped".into()), ..error }
+    } else {
+        error
+    }
+}
+
+fn job_spec(args: &ReconstructArgs) -> Result<JobSpec, PipelineError> {
+    let files = input::photos(&args.photos)?;
+    let mut priors = match &args.telemetry {
+        Some(path) => input::telemetry(path)?,
+        None => BTreeMap::new(),
+    };
+    if let Some(path) = &args.positions {
+        let positions = read_positions_csv(&input::read(path)?, args.position_sigma)
+            .map_err(|e| input::unusable(path, &e))?;
+        for position in positions {
+            priors.entry(position.image).or_default().position = Some(position.prior);
+        }
+    }
+    let num_known = files.iter().filter(|file| priors.contains_key(&file.name)).count();
+    if !priors.is_empty() && num_known == 0 && !files.is_empty() {
+        return Err(PipelineError::new(
+            code::BAD_INPUT,
+            "no photo is named in the telemetry or positions given",
+            "their column `image` must hold the file names of the photos",
+        ));
+    }
+    let mut images: Vec<ImageInput> = files
+        .into_iter()
+        .map(|file| {
+            let prior = priors.get(&file.name).copied().unwrap_or_default();
+            ImageInput { prior, ..ImageInput::new(file.name, file.path) }
+        })
+        .collect();
+    sort_by_time(&mut images);
+    let camera = args.camera.as_deref().map(input::camera).transpose()?;
+    Ok(JobSpec {
+        camera,
+        known_distances: args.known_distance.clone(),
+        preset: args.preset.into(),
+        seed: args.seed,
+        origin: args.origin.map(Into::into),
+        max_image_size: args.max_image_size,
+        stages: args.stages.iter().map(|stage| (*stage).into()).collect(),
+        ..JobSpec::new(images)
+    })
+}
+
+/// The order of capture is that of the times, if every photo has one.
+fn sort_by_time(images: &mut [ImageInput]) {
+    let time = |prior: &ImagePrior| prior.time_s.unwrap_or(f64::INFINITY);
+    if images.iter().all(|image| image.prior.time_s.is_some()) {
+        images.sort_by(|a, b| time(&a.prior).total_cmp(&time(&b.prior)));
+    }
+}
+
+fn print_text(summary: &Summary, args: &ReconstructArgs) {
+    let verdict = match summary.quality.verdict {
+        Verdict::Good => "good",
+        Verdict::Suspect => "suspect",
+        Verdict::Failed => "failed",
+    };
+    println!(
+        "{} of {} images registered, {} points, mean reprojection error {} px",
+        summary.num_registered,
+        summary.num_images,
+        summary.num_points,
+        summary.mean_reprojection_px.map_or("?".to_owned(), |e| format!("{e:.3}")),
+    );
+    println!("verdict: {verdict}");
+    for reason in &summary.quality.reasons {
+        println!("  {}: {}", reason.code, reason.detail);
+    }
+    for warning in &summary.warnings {
+        println!("warning: {}", warning.detail);
+        if let Some(hint) = &warning.hint {
+            println!("  {hint}");
+        }
+    }
+    for stage in &summary.stages {
+        println!(
+            "{:10} {:8.2} s wall {:8.2} s CPU, {} units, {} cached",
+            stage.name, stage.wall_s, stage.cpu_s, stage.units, stage.cached
+        );
+    }
+    println!("all        {:8.2} s wall {:8.2} s CPU", summary.wall_s, summary.cpu_s);
+    println!("map: {0}, report: {0}/report.html", args.out.display());
+}

@@ -1,0 +1,95 @@
+//! A map that was moved keeps its localization index; priors and answers are moved instead.
+
+use nalgebra::{
+    Isometry3, Matrix6, Quaternion, Similarity3, Translation3, UnitQuaternion, Vector3,
+};
+use serde::{Deserialize, Serialize};
+use volery_localization::{LocalizationAnswer, LocalizationPrior, PoseEstimate, Status};
+
+use crate::heading::NorthInMap;
+
+/// Below this tilt a similarity only turns about z, radians.
+const MAX_TILT: f64 = 0.02;
+
+/// `x_in_map = scale * rotation * x_in_index + translation`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MovedBy {
+    /// Unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// In the map.
+    pub translation: [f64; 3],
+    /// Positive.
+    pub scale: f64,
+}
+
+impl From<&Similarity3<f64>> for MovedBy {
+    fn from(similarity: &Similarity3<f64>) -> Self {
+        let q = similarity.isometry.rotation;
+        Self {
+            rotation: [q.w, q.i, q.j, q.k],
+            translation: similarity.isometry.translation.vector.into(),
+            scale: similarity.scaling(),
+        }
+    }
+}
+
+impl MovedBy {
+    /// `map_from_index`.
+    pub fn similarity(&self) -> Similarity3<f64> {
+        let [w, i, j, k] = self.rotation;
+        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+        let translation = Translation3::from(Vector3::from(self.translation));
+        Similarity3::from_parts(translation, rotation, self.scale)
+    }
+
+    /// What is known in the map, said in the frame of the index.
+    pub(crate) fn prior_in_index(&self, prior: &LocalizationPrior) -> LocalizationPrior {
+        let map_from_index = self.similarity();
+        LocalizationPrior {
+            position: prior
+                .position
+                .map(|(p, sigma)| (map_from_index.inverse() * p, sigma / self.scale)),
+            yaw: prior.yaw.and_then(|(yaw, sigma)| {
+                Some((yaw - turn_about_z(&map_from_index.isometry.rotation)?, sigma))
+            }),
+        }
+    }
+
+    /// Moves the poses of an answer into the map.
+    pub(crate) fn move_answer(&self, answer: &mut LocalizationAnswer) {
+        match &mut answer.status {
+            Status::Ok(estimate) => self.move_estimate(estimate),
+            Status::Ambiguous(all) => all.iter_mut().for_each(|e| self.move_estimate(e)),
+            Status::NotFound(_) => {}
+        }
+    }
+
+    fn move_estimate(&self, estimate: &mut PoseEstimate) {
+        let map_from_index = self.similarity();
+        let rotation = map_from_index.isometry.rotation;
+        let pose = &estimate.map_from_camera;
+        let position = map_from_index * nalgebra::Point3::from(pose.translation.vector);
+        estimate.map_from_camera =
+            Isometry3::from_parts(position.coords.into(), rotation * pose.rotation);
+        let r = rotation.to_rotation_matrix().into_inner();
+        let mut jacobian = Matrix6::zeros();
+        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(r * self.scale));
+        jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&r);
+        estimate.covariance = jacobian * estimate.covariance * jacobian.transpose();
+    }
+}
+
+/// The compass after a move; `None` when z is no longer up.
+pub(crate) fn turn_north(
+    north: &NorthInMap,
+    new_from_map: &Similarity3<f64>,
+) -> Option<NorthInMap> {
+    let turn = turn_about_z(&new_from_map.isometry.rotation)?;
+    Some(NorthInMap { yaw: north.yaw + turn, sigma: north.sigma })
+}
+
+fn turn_about_z(rotation: &UnitQuaternion<f64>) -> Option<f64> {
+    let tilt = (rotation * Vector3::z()).angle(&Vector3::z());
+    let x = rotation * Vector3::x();
+    (tilt < MAX_TILT).then(|| x.y.atan2(x.x))
+}

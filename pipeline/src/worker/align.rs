@@ -1,0 +1,143 @@
+//! A map folder in another frame.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use nalgebra::{Isometry3, Point2, Point3, Quaternion, Similarity3, UnitQuaternion, Vector3};
+use serde_json::{Value, json};
+use volery_api::{AlignRequest, ControlPoint};
+use volery_geometry::{similarity_from_points, triangulation::triangulate_linear};
+use volery_scene::{
+    EnvironmentMap, Gravity, GravitySource, NoProgress, RegisteredImage, Scale, ScaleSource,
+    SparseModel,
+};
+
+use crate::{
+    PipelineError,
+    export::{bounds, write_files},
+    map_folder::{file, read_map},
+    moved::{self, MovedBy},
+};
+
+/// Error of a length measured by hand between two camera centers, meters.
+const DISTANCE_SIGMA: f64 = 0.01;
+
+/// Writes the map of `map_dir`, moved as asked, to `out_dir`; returns the residuals.
+pub(crate) fn align_folder(
+    map_dir: &Path,
+    out_dir: &Path,
+    align: &AlignRequest,
+) -> Result<Value, PipelineError> {
+    let (mut info, mut map) = read_map(map_dir)?;
+    let path = map_dir.join(file::LOCALIZATION);
+    let index = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
+    let (new_from_map, residuals) = similarity(align, &mut map)?;
+    map.model.transform(&new_from_map);
+    let map_from_index =
+        info.map_from_index.map_or(Similarity3::identity(), |moved| moved.similarity());
+    info.map_from_index = Some(MovedBy::from(&(new_from_map * map_from_index)));
+    info.north = info.north.and_then(|north| moved::turn_north(&north, &new_from_map));
+    info.scale = map.scale;
+    info.gravity = map.gravity;
+    info.bounds = bounds(&map.model);
+    write_files(&map, &info, &index, out_dir, &NoProgress)?;
+    Ok(residuals)
+}
+
+/// The similarity that is asked for; scale and gravity of `map` take their new proof.
+fn similarity(
+    align: &AlignRequest,
+    map: &mut EnvironmentMap,
+) -> Result<(Similarity3<f64>, Value), PipelineError> {
+    match align {
+        AlignRequest::KnownDistance(distance) => {
+            let a = center(&map.model, &distance.image_a)?;
+            let b = center(&map.model, &distance.image_b)?;
+            let length = (a - b).norm();
+            if !(length > 0.0 && distance.meters.is_finite() && distance.meters > 0.0) {
+                return Err(degenerate("the two cameras are at the same place"));
+            }
+            map.scale = Scale {
+                metric: true,
+                source: ScaleSource::KnownDistance,
+                sigma_rel: Some(DISTANCE_SIGMA / distance.meters),
+            };
+            let scale = distance.meters / length;
+            Ok((
+                Similarity3::from_scaling(scale),
+                json!({ "scale": scale, "length_before": length }),
+            ))
+        }
+        AlignRequest::Sim3(sim3) => {
+            let [w, i, j, k] = sim3.rotation;
+            let rotation = Quaternion::new(w, i, j, k);
+            if !((rotation.norm() - 1.0).abs() < 1e-3 && sim3.scale > 0.0 && sim3.scale.is_finite())
+            {
+                return Err(degenerate("the similarity needs a unit quaternion and a scale"));
+            }
+            let rotation = UnitQuaternion::from_quaternion(rotation);
+            let pose = Isometry3::from_parts(Vector3::from(sim3.translation).into(), rotation);
+            map.scale.metric = sim3.metric;
+            if !sim3.metric {
+                map.scale = Scale { metric: false, source: ScaleSource::Unknown, sigma_rel: None };
+            }
+            Ok((Similarity3::from_isometry(pose, sim3.scale), json!({})))
+        }
+        AlignRequest::ControlPoints(points) => control_points(points, map),
+    }
+}
+
+fn control_points(
+    points: &[ControlPoint],
+    map: &mut EnvironmentMap,
+) -> Result<(Similarity3<f64>, Value), PipelineError> {
+    let by_name: BTreeMap<&str, &RegisteredImage> =
+        map.model.images.values().map(|image| (image.name.as_str(), image)).collect();
+    let (mut source, mut target) = (Vec::new(), Vec::new());
+    for point in points {
+        let (mut poses, mut rays) = (Vec::new(), Vec::new());
+        for sighting in &point.observations {
+            let image = by_name.get(sighting.image.as_str()).ok_or_else(|| {
+                PipelineError::plain(
+                    "unknown_image",
+                    format!("image {:?} has no pose in the map", sighting.image),
+                )
+            })?;
+            let camera = &map.model.cameras[&image.camera];
+            let ray = camera.unproject(&Point2::from(sighting.pixel));
+            rays.push(ray.ok_or_else(|| degenerate("a pixel has no ray"))?);
+            poses.push(image.cam_from_world);
+        }
+        let position = (poses.len() >= 2).then(|| triangulate_linear(&poses, &rays)).flatten();
+        source.push(position.ok_or_else(|| {
+            degenerate("a control point needs two sightings from different places")
+        })?);
+        target.push(Point3::from(point.position));
+    }
+    let new_from_map =
+        similarity_from_points(&source, &target).map_err(|e| degenerate(&e.to_string()))?;
+    let residuals: Vec<f64> =
+        source.iter().zip(&target).map(|(s, t)| (new_from_map * s - t).norm()).collect();
+    let n = residuals.len() as f64;
+    let rms = (residuals.iter().map(|r| r * r).sum::<f64>() / n).sqrt();
+    let mean = target.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
+    let extent = (target.iter().map(|p| (p.coords - mean).norm_squared()).sum::<f64>() / n).sqrt();
+    let sigma = rms.max(1e-3) / extent;
+    map.scale = Scale {
+        metric: true,
+        source: ScaleSource::ControlPoints,
+        sigma_rel: Some(sigma / n.sqrt()),
+    };
+    map.gravity = Gravity { source: GravitySource::ControlPoints, sigma: Some(sigma) };
+    Ok((new_from_map, json!({ "rms_m": rms, "residuals_m": residuals })))
+}
+
+fn center(model: &SparseModel, name: &str) -> Result<Point3<f64>, PipelineError> {
+    let image = model.images.values().find(|image| image.name == name);
+    image.map(RegisteredImage::center).ok_or_else(|| {
+        PipelineError::plain("unknown_image", format!("image {name:?} has no pose in the map"))
+    })
+}
+
+fn degenerate(detail: &str) -> PipelineError {
+    PipelineError::plain("degenerate", detail)
+}

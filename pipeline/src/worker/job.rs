@@ -1,0 +1,141 @@
+//! `run-job`: one reconstruction in a work folder.
+
+use std::{
+    fs::{self, File},
+    io::Write,
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use volery_api::worker::{JOB_FILE, JobLine, JobResult, OUT_FOLDER};
+use volery_scene::{Progress, Stage};
+
+use super::parent;
+use crate::{JobSpec, PipelineError, Summary, error::code, reconstruct};
+
+/// Finished units, beside the map folder.
+const CACHE_FOLDER: &str = "cache";
+
+/// Held while a worker is at the job.
+const LOCK_FILE: &str = "lock";
+
+/// A stage reports at most so often, beside its first and last unit.
+const MIN_REPORT_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Does the job in `work_dir` and tells of it on standard output. `Err` only where not even that
+/// is possible; a job that fails says so in its last line.
+pub fn run_job(work_dir: &Path, is_cancelled: &(dyn Fn() -> bool + Sync)) -> std::io::Result<()> {
+    parent::leave_with_it();
+    let lines = Lines { is_cancelled, state: Mutex::new(State::default()) };
+    let result = match job(work_dir, &lines) {
+        Ok(summary) => {
+            for warning in &summary.warnings {
+                lines.write(&JobLine::Log {
+                    level: "warn".to_owned(),
+                    message: format!("{}: {}", warning.code, warning.detail),
+                })?;
+            }
+            success(&summary)
+        }
+        Err(error) => JobResult {
+            ok: false,
+            code: Some(error.code),
+            detail: Some(error.detail),
+            hint: error.hint,
+            ..JobResult::default()
+        },
+    };
+    lines.write(&JobLine::Result(result))
+}
+
+fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<Summary, PipelineError> {
+    let _lock = lock(&work_dir.join(LOCK_FILE))?;
+    let path = work_dir.join(JOB_FILE);
+    let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
+    let mut spec: JobSpec = serde_json::from_slice(&bytes)
+        .map_err(|e| PipelineError::plain(code::BAD_INPUT, format!("{JOB_FILE}: {e}")))?;
+    for image in &mut spec.images {
+        image.path = work_dir.join(&image.path); // An absolute path stays as it is.
+    }
+    reconstruct(&spec, &work_dir.join(CACHE_FOLDER), &work_dir.join(OUT_FOLDER), lines)
+}
+
+/// Waits for a worker that is about to leave; the lock goes with the file handle.
+fn lock(path: &Path) -> Result<File, PipelineError> {
+    let file = File::create(path).map_err(|e| PipelineError::io(path, &e))?;
+    file.lock().map_err(|e| PipelineError::io(path, &e))?;
+    Ok(file)
+}
+
+fn success(summary: &Summary) -> JobResult {
+    let complete = summary.is_complete();
+    let reason = summary.quality.reasons.first();
+    let detail = (!complete).then(|| match reason {
+        Some(reason) => reason.detail.clone(),
+        None => {
+            format!("{} of {} images registered", summary.num_registered, summary.num_images)
+        }
+    });
+    JobResult {
+        ok: true,
+        state: Some(if complete { "succeeded" } else { "partial" }.to_owned()),
+        map: Some(PathBuf::from(OUT_FOLDER).to_string_lossy().into_owned()),
+        code: (!complete)
+            .then(|| reason.map_or("images_unplaced".to_owned(), |reason| reason.code.clone())),
+        detail,
+        hint: if complete { None } else { summary.advice.first().cloned() },
+    }
+}
+
+/// Standard output as lines of JSON.
+struct Lines<'a> {
+    is_cancelled: &'a (dyn Fn() -> bool + Sync),
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    stage: Option<Stage>,
+    done: usize,
+    written: Option<Instant>,
+}
+
+impl Lines<'_> {
+    fn write(&self, line: &JobLine) -> std::io::Result<()> {
+        let mut text = serde_json::to_vec(line)?;
+        text.push(b'\n');
+        let mut out = std::io::stdout().lock();
+        out.write_all(&text)?;
+        out.flush()
+    }
+}
+
+impl Progress for Lines<'_> {
+    fn report(&self, stage: Stage, done: usize, total: usize) {
+        {
+            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_new = state.stage != Some(stage);
+            if !is_new && done <= state.done {
+                return; // Threads report out of order.
+            }
+            (state.stage, state.done) = (Some(stage), done);
+            let is_soon = state.written.is_some_and(|at| at.elapsed() < MIN_REPORT_INTERVAL);
+            if !is_new && is_soon && done < total {
+                return;
+            }
+            state.written = Some(Instant::now());
+        }
+        // If nobody reads, standard input has ended too, and that ends the process.
+        let _ = self.write(&JobLine::Progress {
+            stage: stage.name().to_owned(),
+            done: done as u64,
+            total: total as u64,
+            unit: stage.unit().to_owned(),
+        });
+    }
+
+    fn is_cancelled(&self) -> bool {
+        (self.is_cancelled)()
+    }
+}

@@ -1,0 +1,228 @@
+//! `run-decoder` and `run-localizer`: requests on standard input, answers on standard output.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{self, Read, Write},
+    path::Path,
+    sync::Arc,
+    time::Instant,
+};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use volery_api::{
+    Localization,
+    worker::{
+        ImageCheck, LocalizeTask, MAX_WORKER_HEADER, WorkerFailure, WorkerReply, WorkerRequest,
+    },
+};
+use volery_formats::{
+    DecodeLimits, ImageFormat, colmap::write_colmap_binary, decode_image, read_exif, write_glb,
+    write_transforms_json,
+};
+use volery_geometry::{Camera, CameraModel, Point3};
+use volery_localization::{LocalizationPrior, LocalizeOptions};
+
+use super::{
+    align::align_folder,
+    answer::localization,
+    image_work::{decode_code, query_image},
+    parent,
+};
+use crate::{
+    PipelineError,
+    cache::write_atomic,
+    map_folder::{MapFolder, read_map},
+};
+
+/// Longest payload of a message, bytes: the largest photo that the decoder takes, and raw pixels.
+const MAX_PAYLOAD: usize = 256 << 20;
+
+/// Map versions kept in memory; the least recently used goes first.
+const MAX_MAPS: usize = 8;
+
+/// Answers requests about images until standard input ends.
+pub fn run_decoder() -> io::Result<()> {
+    serve(&mut |request, payload| match request {
+        WorkerRequest::CheckImage {} => reply(check_image(payload)),
+        _ => reply::<Value>(Err(failure("bad_request", "a decoder only checks images"))),
+    })
+}
+
+/// Answers requests about maps until standard input ends.
+pub fn run_localizer() -> io::Result<()> {
+    let mut maps = Maps::default();
+    serve(&mut |request, payload| match request {
+        WorkerRequest::CheckImage {} => reply(check_image(payload)),
+        WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
+        WorkerRequest::Align { map_dir, out_dir, align } => {
+            let outcome = align_folder(Path::new(&map_dir), Path::new(&out_dir), &align);
+            reply(outcome.map(|residuals| json!({ "residuals": residuals })).map_err(of_pipeline))
+        }
+        WorkerRequest::Export { map_dir, format, out } => {
+            reply(export(Path::new(&map_dir), &format, Path::new(&out)).map(|()| json!({})))
+        }
+    })
+}
+
+type Handler<'a> = dyn FnMut(WorkerRequest, &[u8]) -> Result<Vec<u8>, serde_json::Error> + 'a;
+
+fn serve(handle: &mut Handler<'_>) -> io::Result<()> {
+    if !parent::is_alive() {
+        return Ok(());
+    }
+    let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
+    while let Some(header) = read_part(&mut input, MAX_WORKER_HEADER)? {
+        let payload = read_part(&mut input, MAX_PAYLOAD)?.ok_or(io::ErrorKind::UnexpectedEof)?;
+        let header = match serde_json::from_slice(&header) {
+            Ok(request) => handle(request, &payload)?,
+            Err(error) => reply::<Value>(Err(failure("bad_request", error.to_string())))?,
+        };
+        for part in [&header[..], &[]] {
+            output.write_all(&(part.len() as u32).to_le_bytes())?;
+            output.write_all(part)?;
+        }
+        output.flush()?;
+    }
+    Ok(())
+}
+
+/// A length and as many bytes; `None` if the input ends before.
+fn read_part(input: &mut impl Read, max_len: usize) -> io::Result<Option<Vec<u8>>> {
+    let mut len = [0; 4];
+    match input.read_exact(&mut len) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(None),
+        other => other?,
+    }
+    let len = u32::from_le_bytes(len) as usize;
+    if len > max_len {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "message part is too long"));
+    }
+    let mut part = vec![0; len];
+    input.read_exact(&mut part)?;
+    Ok(Some(part))
+}
+
+fn reply<T: Serialize + for<'de> Deserialize<'de>>(
+    outcome: Result<T, WorkerFailure>,
+) -> Result<Vec<u8>, serde_json::Error> {
+    WorkerReply(outcome).to_header()
+}
+
+fn failure(code: &str, detail: impl Into<String>) -> WorkerFailure {
+    WorkerFailure { code: code.to_owned(), detail: detail.into(), hint: None }
+}
+
+fn of_pipeline(error: PipelineError) -> WorkerFailure {
+    WorkerFailure { code: error.code, detail: error.detail, hint: error.hint }
+}
+
+fn check_image(bytes: &[u8]) -> Result<ImageCheck, WorkerFailure> {
+    let image = decode_image(bytes, &DecodeLimits::default())
+        .map_err(|e| failure(decode_code(&e), e.to_string()))?;
+    let summary = read_exif(bytes);
+    let (width, height) = (image.gray.width(), image.gray.height());
+    let focal = summary.focal_px(width, height);
+    let fields = [
+        ("focal_px", json!(focal.px)),
+        ("focal_source", json!(focal.source.code())),
+        ("make", json!(summary.make)),
+        ("model", json!(summary.model)),
+        ("capture_time_s", json!(summary.time_s)),
+    ];
+    let mut warnings = summary.warnings;
+    warnings.extend(focal.warnings);
+    Ok(ImageCheck {
+        width,
+        height,
+        format: match image.header.format {
+            ImageFormat::Jpeg => "jpeg",
+            ImageFormat::Png => "png",
+        }
+        .to_owned(),
+        exif: fields
+            .into_iter()
+            .filter(|(_, value)| !value.is_null())
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect(),
+        warnings,
+    })
+}
+
+/// Open map folders, the least recently used first to go.
+#[derive(Default)]
+struct Maps {
+    open: BTreeMap<String, (u64, Arc<MapFolder>)>,
+    num_uses: u64,
+}
+
+impl Maps {
+    fn get(&mut self, folder: &str) -> Result<Arc<MapFolder>, PipelineError> {
+        self.num_uses += 1;
+        if let Some((last_use, map)) = self.open.get_mut(folder) {
+            *last_use = self.num_uses;
+            return Ok(Arc::clone(map));
+        }
+        let map = Arc::new(MapFolder::open(Path::new(folder))?);
+        if self.open.len() >= MAX_MAPS {
+            let oldest = self.open.iter().min_by_key(|(_, (last_use, _))| *last_use);
+            if let Some(oldest) = oldest.map(|(folder, _)| folder.clone()) {
+                self.open.remove(&oldest);
+            }
+        }
+        self.open.insert(folder.to_owned(), (self.num_uses, Arc::clone(&map)));
+        Ok(map)
+    }
+}
+
+fn localize(
+    task: &LocalizeTask,
+    bytes: &[u8],
+    maps: &mut Maps,
+) -> Result<Localization, WorkerFailure> {
+    let map = maps.get(&task.map_dir).map_err(of_pipeline)?;
+    let camera = task.camera.as_ref().map(camera_of).transpose()?;
+    let start = Instant::now();
+    let query =
+        query_image(bytes, task.encoding, task.width.zip(task.height), camera.as_ref(), &map)
+            .map_err(|e| failure(e.code(), e.to_string()))?;
+    let decode_ms = start.elapsed().as_secs_f64() * 1e3;
+    let prior = task.prior.unwrap_or_default();
+    let prior = LocalizationPrior {
+        position: prior.position.map(|p| (Point3::from(p.position), p.sigma)),
+        yaw: prior.yaw.map(|p| (p.yaw, p.sigma)),
+    };
+    let options = LocalizeOptions::default();
+    let (answer, timings) = map.localize(&query.image, &query.camera, &prior, &options);
+    let mut reply = localization(&answer, &timings);
+    reply.timings.decode_ms = Some(decode_ms);
+    reply.timings.total_ms = Some(start.elapsed().as_secs_f64() * 1e3);
+    Ok(reply)
+}
+
+fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {
+    let model = CameraModel::from_name(&camera.model)
+        .ok_or_else(|| failure("bad_request", format!("unknown model {:?}", camera.model)))?;
+    Camera::new(model, camera.width, camera.height, &camera.params)
+        .map_err(|e| failure("bad_request", e.to_string()))
+}
+
+fn export(map_dir: &Path, format: &str, out: &Path) -> Result<(), WorkerFailure> {
+    let (info, map) = read_map(map_dir).map_err(of_pipeline)?;
+    match format {
+        "colmap_bin" => {
+            let files = write_colmap_binary(&map.model);
+            fs::create_dir_all(out).map_err(|e| of_pipeline(PipelineError::io(out, &e)))?;
+            write_atomic(&out.join("cameras.bin"), &files.cameras)
+                .and_then(|()| write_atomic(&out.join("images.bin"), &files.images))
+                .and_then(|()| write_atomic(&out.join("points3D.bin"), &files.points))
+        }
+        "map.glb" => write_atomic(out, &write_glb(&map, &info.content_id())),
+        "transforms.json" => {
+            write_atomic(out, write_transforms_json(&map.model, "images").as_bytes())
+        }
+        other => return Err(failure("bad_request", format!("unknown export {other:?}"))),
+    }
+    .map_err(of_pipeline)
+}
