@@ -6,7 +6,12 @@ pub mod ransac;
 pub mod solvers;
 pub mod two_view;
 
-pub use absolute_pose::{AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, estimate_absolute_pose};
+#[cfg(test)]
+mod test_scene;
+
+pub use absolute_pose::{
+    AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, estimate_absolute_pose,
+};
 pub use bundle_adjustment::{
     BundleError, BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, adjust_bundle,
 };

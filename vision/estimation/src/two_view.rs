@@ -1,8 +1,16 @@
 //! Two-view geometry of putative matches.
 
+mod correspondences;
+mod estimators;
+mod refinement;
+mod selection;
+mod verification;
+
 use nalgebra::Point2;
 use volery_geometry::Camera;
 use volery_scene::{FeatureMatch, ImageId, TwoViewGeometry};
+
+use verification::Verification;
 
 /// Options of [`estimate_two_view_geometry`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +47,20 @@ pub fn estimate_two_view_geometry(
     options: &TwoViewOptions,
     seed: u64,
 ) -> Option<TwoViewGeometry> {
-    let _ = (image1, camera1, pixels1, image2, camera2, pixels2, matches, options, seed);
-    todo!()
+    let verification = Verification::new(
+        (camera1, pixels1),
+        (camera2, pixels2),
+        matches,
+        options,
+    )?;
+    let mut geometry = if options.calibrated {
+        verification.calibrated(seed)?
+    } else {
+        verification.uncalibrated(seed)?
+    };
+    (geometry.image1, geometry.image2) = (image1, image2);
+    Some(geometry)
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,6 +7,7 @@ pub mod alignment;
 pub mod camera;
 pub mod epipolar;
 pub mod frames;
+pub mod homography;
 pub mod triangulation;
 
 pub use alignment::{AlignError, similarity_from_points};

@@ -193,7 +193,12 @@ fn horner(p: &[f64], x: f64) -> f64 {
 
 /// Newton steps held inside the bracket by bisection.
 fn refine_root(p: &[f64], mut low: f64, mut high: f64) -> f64 {
-    let falling = horner(p, low) > 0.0;
+    // The bracket is open at `low`, which may be the root before this one.
+    let at_high = horner(p, high);
+    if at_high == 0.0 {
+        return high;
+    }
+    let falling = at_high < 0.0;
     let mut x = 0.5 * (low + high);
     for _ in 0..80 {
         let (mut value, mut slope) = (0.0, 0.0);
