@@ -217,3 +217,89 @@ fn at_end(reader: &ByteReader) -> Result<(), FeaturesFileError> {
         Err(FeaturesFileError::Damaged { offset: reader.offset() })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn features() -> Features {
+        let keypoint = |i: usize| Keypoint {
+            x: i as f32 + 0.1,
+            y: 1e-8,
+            scale: 1.6,
+            orientation: -3.0 + i as f32,
+        };
+        Features {
+            keypoints: (0..3).map(keypoint).collect(),
+            descriptors: (0..3).map(|i| [i as u8 * 40; DESCRIPTOR_LEN]).collect(),
+        }
+    }
+
+    fn pairs() -> Vec<TwoViewGeometry> {
+        let pose = Isometry3::from_parts(
+            Translation3::new(0.6, 0.0, -0.8),
+            UnitQuaternion::from_euler_angles(0.1, -0.7, 2.0),
+        );
+        let general = TwoViewGeometry {
+            image1: ImageId(1),
+            image2: ImageId(9),
+            kind: TwoViewKind::General,
+            matches: vec![FeatureMatch { feature1: 0, feature2: 7 }],
+            num_putative: 12,
+            cam2_from_cam1: Some(pose),
+            fundamental: Some(Matrix3::new(1., 2., 3., 4., 5., 6., 7., 8., 1e-300)),
+            homography: None,
+            median_parallax: 0.1,
+        };
+        let uncalibrated = TwoViewGeometry {
+            kind: TwoViewKind::Uncalibrated,
+            matches: Vec::new(),
+            cam2_from_cam1: None,
+            homography: Some(Matrix3::identity()),
+            ..general.clone()
+        };
+        vec![general, uncalibrated]
+    }
+
+    #[test]
+    fn round_trips_are_exact() {
+        assert_eq!(read_features(&write_features(&features())), Ok(features()));
+        let empty = Features::default();
+        assert_eq!(read_features(&write_features(&empty)), Ok(empty));
+        assert_eq!(read_two_view_geometries(&write_two_view_geometries(&pairs())), Ok(pairs()));
+        assert_eq!(read_two_view_geometries(&write_two_view_geometries(&[])), Ok(Vec::new()));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        let (features, pairs) = (write_features(&features()), write_two_view_geometries(&pairs()));
+        for end in 0..features.len() {
+            assert!(read_features(&features[..end]).is_err(), "cut at {end}");
+        }
+        for end in 0..pairs.len() {
+            assert!(read_two_view_geometries(&pairs[..end]).is_err(), "cut at {end}");
+        }
+    }
+
+    #[test]
+    fn damaged_bytes_never_panic() {
+        let whole = write_two_view_geometries(&pairs());
+        for at in 0..whole.len() {
+            for value in [0, 0x7f, 0xff] {
+                let mut damaged = whole.clone();
+                damaged[at] = value;
+                if let Ok(read) = read_two_view_geometries(&damaged) {
+                    assert!(read.iter().all(|pair| pair.median_parallax.is_finite()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn other_kinds_are_refused() {
+        assert_eq!(
+            read_features(&write_two_view_geometries(&[])),
+            Err(FeaturesFileError::WrongKind)
+        );
+    }
+}

