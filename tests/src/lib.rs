@@ -1,1 +1,11 @@
 //! Tests that cross crates, and the way to the shared data.
+
+pub mod evaluation;
+pub mod repository;
+pub mod scans;
+pub mod shared;
+pub mod source;
+
+pub use evaluation::{Alignment, Evaluation, Poses, evaluate};
+pub use repository::repository_root;
+pub use shared::{SharedSet, shared_data};
