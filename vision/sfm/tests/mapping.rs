@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
-use volery_geometry::{Camera, CameraModel, similarity_from_points};
+use volery_geometry::{Camera, CameraModel};
 use volery_scene::{
     CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry, UnplacedReason,
     Verdict,
@@ -70,23 +70,39 @@ fn map(scene: &PointScene, camera: SfmCamera) -> Reconstruction {
     reconstruct(&images(scene), &[camera], &pairs, &MapperOptions::default(), &NoProgress).unwrap()
 }
 
-/// Largest position error, meters, and largest rotation error, degrees, after alignment.
+/// Largest position error, meters, and largest rotation error, degrees, after an alignment that
+/// takes the turn from the orientations, so that straight paths have one too.
 fn pose_errors(model: &SparseModel, scene: &PointScene) -> (f64, f64) {
-    let truth = |id: &ImageId| -> &Isometry3<f64> { &scene.cam_from_world[id.0 as usize] };
-    let center = |pose: &Isometry3<f64>| Point3::from(pose.inverse().translation.vector);
-    let mapped: Vec<_> = model.images.values().map(|image| image.center()).collect();
-    let truths: Vec<_> = model.images.keys().map(|id| center(truth(id))).collect();
-    let world_from_model = similarity_from_points(&mapped, &truths).unwrap();
-    let position = mapped
-        .iter()
-        .zip(&truths)
-        .map(|(m, t)| (world_from_model * m - t).norm())
-        .fold(0.0, f64::max);
-    let turn = world_from_model.isometry.rotation.inverse();
-    let rotation = model
+    let pairs: Vec<(Isometry3<f64>, Isometry3<f64>)> = model
         .images
         .iter()
-        .map(|(id, image)| image.cam_from_world.rotation.angle_to(&(truth(id).rotation * turn.inverse())))
+        .map(|(id, image)| {
+            (image.cam_from_world.inverse(), scene.cam_from_world[id.0 as usize].inverse())
+        })
+        .collect();
+    let sum: Matrix3<f64> = pairs
+        .iter()
+        .map(|(m, t)| (t.rotation * m.rotation.inverse()).to_rotation_matrix().into_inner())
+        .sum();
+    let truth_from_model = UnitQuaternion::from_matrix(&sum);
+    let n = pairs.len() as f64;
+    let mean = |f: &dyn Fn(&(Isometry3<f64>, Isometry3<f64>)) -> Vector3<f64>| {
+        pairs.iter().map(f).sum::<Vector3<f64>>() / n
+    };
+    let mean_model = mean(&|p| truth_from_model * p.0.translation.vector);
+    let mean_truth = mean(&|p| p.1.translation.vector);
+    let centered = |p: &(Isometry3<f64>, Isometry3<f64>)| {
+        (truth_from_model * p.0.translation.vector - mean_model, p.1.translation.vector - mean_truth)
+    };
+    let dot: f64 = pairs.iter().map(|p| centered(p).0.dot(&centered(p).1)).sum();
+    let scale = dot / pairs.iter().map(|p| centered(p).0.norm_squared()).sum::<f64>();
+    let position = pairs
+        .iter()
+        .map(|p| (centered(p).0 * scale - centered(p).1).norm())
+        .fold(0.0, f64::max);
+    let rotation = pairs
+        .iter()
+        .map(|(m, t)| (truth_from_model * m.rotation).angle_to(&t.rotation))
         .fold(0.0, f64::max);
     (position, rotation.to_degrees())
 }
@@ -170,6 +186,7 @@ fn pure_rotation_gives_no_wrong_map() {
 fn a_wobbling_scan_is_mapped_or_refused() {
     let scene = PointScene::yaw_scan(36, TAU / 36.0, CenterMotion::Wobble { sigma: 0.05 }, 7);
     let found = map(&scene, fixed(scene.camera));
+    println!("{} {:?} {:?} {:?}", found.mapper, found.quality, found.unplaced, found.models.first().map(|m| pose_errors(m, &scene)));
     if found.quality.verdict == Verdict::Good {
         let (position, rotation) = pose_errors(&found.models[0], &scene);
         assert!(position < 0.03 && rotation < 0.2, "{position} m, {rotation} degrees");

@@ -40,6 +40,8 @@ impl WorkingModel<'_> {
             };
             let cost =
                 position_globally(&mut positions, &observations, &PositioningOptions::default());
+            #[cfg(test)]
+            println!("  start {start} cost {cost:.3e} obs {}", observations.len());
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                 best = Some((cost, positions));
             }

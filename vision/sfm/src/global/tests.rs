@@ -1,5 +1,6 @@
 //! Yaw scans of a room: the paper's capture.
 
+use nalgebra::UnitQuaternion;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::similarity_from_points;
 use volery_scene::{CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry};
@@ -81,13 +82,22 @@ impl Scan {
             .zip(&truth)
             .map(|(f, t)| (truth_from_found * f - t).norm_squared())
             .sum();
+        // The frames of scans in place are aligned by the rotations: the centers hardly tell.
+        let true_rotation = |id: &ImageId| self.scene.cam_from_world[id.0 as usize].rotation;
+        let frames: Vec<_> = model
+            .images
+            .iter()
+            .map(|(id, image)| true_rotation(id).inverse() * image.cam_from_world.rotation)
+            .collect();
+        let turns: nalgebra::Vector3<f64> =
+            frames.iter().map(|frame| (frames[0].inverse() * frame).scaled_axis()).sum();
+        let frame = frames[0] * UnitQuaternion::from_scaled_axis(turns / frames.len() as f64);
         let mut angles: Vec<f64> = model
             .images
             .iter()
             .map(|(id, image)| {
-                let rotation =
-                    image.cam_from_world.rotation * truth_from_found.isometry.rotation.inverse();
-                rotation.angle_to(&self.scene.cam_from_world[id.0 as usize].rotation).to_degrees()
+                let aligned = image.cam_from_world.rotation * frame.inverse();
+                aligned.angle_to(&true_rotation(id)).to_degrees()
             })
             .collect();
         angles.sort_by(f64::total_cmp);
@@ -122,6 +132,55 @@ fn figures() {
                     );
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn debug() {
+    for (name, motion) in [("w2", CenterMotion::Wobble { sigma: 0.02 }), ("w3", CenterMotion::Wobble { sigma: 0.03 }), ("w5", CenterMotion::Wobble { sigma: 0.05 }), ("c0.1", CenterMotion::Circle { radius: 0.1 })] {
+        for seed in 0..2 {
+            let scan = scan(motion, seed);
+            let kinds: Vec<usize> = [volery_scene::TwoViewKind::General, volery_scene::TwoViewKind::Planar, volery_scene::TwoViewKind::RotationOnly, volery_scene::TwoViewKind::Uncalibrated].iter().map(|k| scan.pairs.iter().filter(|p| p.kind == *k).count()).collect();
+            let (mut bad, mut all) = (0, 0);
+            let mut errs: Vec<f64> = Vec::new();
+            for p in &scan.pairs {
+                let (i, j) = (p.image1.0 as usize, p.image2.0 as usize);
+                for m in &p.matches { all += 1; bad += usize::from(!scan.scene.is_true_match(i, j, m)); }
+                let truth = scan.scene.cam_from_world[j].rotation * scan.scene.cam_from_world[i].rotation.inverse();
+                errs.push(p.cam2_from_cam1.unwrap().rotation.angle_to(&truth).to_degrees());
+            }
+            errs.sort_by(f64::total_cmp);
+            println!("== {name} {seed} kinds G/P/R/U {kinds:?} bad {bad}/{all} pair rot err median {:.3} p90 {:.3} max {:.3}", errs[errs.len()/2], errs[errs.len()*9/10], errs[errs.len()-1]);
+            let options = MapperOptions { min_angle: super::MIN_ANGLE, ..MapperOptions::default() };
+            let input = crate::incremental::Input { images: &scan.images, cameras: &scan.cameras, pairs: &scan.pairs, options: &options };
+            let tracks = crate::tracks::build_tracks(&scan.images, &scan.pairs);
+            let make = || crate::incremental::WorkingModel::new(input, vec![scan.scene.camera], &tracks, vec![true; 36]);
+            let report = |what: &str, model: &crate::incremental::WorkingModel<'_>| {
+                let sparse = model.to_sparse();
+                let (ate, angle) = scan.errors(&sparse);
+                println!("  {what:10} images {} ATE {:.2} cm rot {:.3} points {} err {:.3} obs {} parallax/noise {:.1}", sparse.images.len(), 100.0*ate, angle, sparse.points.len(), sparse.mean_reprojection_error_px().unwrap_or(0.0), sparse.num_observations(), super::parallax::parallax_to_noise(model).unwrap_or(0.0));
+            };
+            let mut truth = make();
+            for i in 0..36 { truth.poses[i] = Some(scan.scene.cam_from_world[i]); }
+            truth.update_tracks();
+            report("truth", &truth);
+            truth.finish(&NoProgress).unwrap();
+            report("truth+ba", &truth);
+            let mut model = make();
+            let average = super::rotations(&model, &scan.images);
+            model.position(&average.cam_from_world, &NoProgress).unwrap();
+            report("averaged", &model);
+            for (loss, limit) in super::COARSE {
+                model.activate_within(limit * 4.0);
+                report("activated", &model);
+                model.adjust_all(&volery_estimation::BundleOptions { max_iterations: 30, loss_scale_px: Some(loss), cost_tolerance: 1e-4 }, &NoProgress).unwrap();
+                report("coarse", &model);
+            }
+            model.activate_within(4.0);
+            report("act", &model);
+            model.finish(&NoProgress).unwrap();
+            report("finish", &model);
         }
     }
 }
