@@ -1,1 +1,26 @@
 //! The ground station: HTTP, WebSocket, store, jobs.
+//!
+//! [`start`] opens a data folder and serves it; [`serve`] does so until it is told to stop. The
+//! process that serves never decodes an image and never computes on a map: children do, under
+//! limits, by the protocol of [`volery_api::worker`].
+
+mod accept;
+mod app;
+mod auth;
+mod clock;
+mod config;
+mod error;
+mod extract;
+mod idempotency;
+mod jobs;
+mod metrics;
+mod routes;
+mod run;
+mod state;
+mod store;
+mod workers;
+mod ws;
+
+pub use app::{openapi, openapi_yaml};
+pub use config::{Config, JobSettings, WorkerLimits};
+pub use run::{RunningServer, ServeError, serve, start};

@@ -1,0 +1,181 @@
+//! The router, and the description that comes with it.
+
+use std::{any::Any, sync::Arc};
+
+use axum::{
+    Json, Router,
+    extract::{DefaultBodyLimit, Request, State},
+    http::{HeaderValue, header},
+    middleware::{Next, from_fn_with_state},
+    response::{IntoResponse, Response},
+};
+use tower_http::{catch_panic::CatchPanicLayer, timeout::RequestBodyTimeoutLayer};
+use utoipa::{
+    OpenApi,
+    openapi::{
+        Content, Ref, RefOr, ResponseBuilder,
+        path::Operation,
+        security::{HttpAuthScheme, HttpBuilder, SecurityScheme},
+    },
+};
+use utoipa_axum::{router::OpenApiRouter, routes};
+use volery_api::{PROBLEM_JSON, Problem, ws};
+
+use crate::{
+    error::{ApiError, Code},
+    routes::{
+        cameras, exports, images, imagesets, jobs, localize, maps, priors, service, tokens, uploads,
+    },
+    state::App,
+    ws as socket,
+};
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Volery",
+        description = "Photos become a metric map; a photo finds its pose in it.\n\nUnits are SI, angles radians. The frame `map` is right-handed with z up; a camera looks along z with x right and y down. Quaternions are w, x, y, z. Errors are `application/problem+json` with a stable `code`.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    security(("bearer" = [])),
+    components(schemas(Problem, ws::ClientMessage, ws::ServerMessage, ws::FrameHeader)),
+)]
+struct Description;
+
+/// Routes that answer at once.
+fn quick_routes() -> OpenApiRouter<Arc<App>> {
+    OpenApiRouter::with_openapi(Description::openapi())
+        .routes(routes!(service::healthz))
+        .routes(routes!(service::readyz))
+        .routes(routes!(service::openapi_yaml))
+        .routes(routes!(service::metrics))
+        .routes(routes!(service::info))
+        .routes(routes!(tokens::create_token, tokens::list_tokens))
+        .routes(routes!(tokens::delete_token))
+        .routes(routes!(cameras::create_camera, cameras::list_cameras))
+        .routes(routes!(cameras::camera_models))
+        .routes(routes!(cameras::get_camera))
+        .routes(routes!(imagesets::create_imageset, imagesets::list_imagesets))
+        .routes(routes!(
+            imagesets::get_imageset,
+            imagesets::patch_imageset,
+            imagesets::delete_imageset
+        ))
+        .routes(routes!(priors::put_priors))
+        .routes(routes!(images::get_image, images::delete_image))
+        .routes(routes!(images::image_bytes))
+        .routes(routes!(jobs::create_job, jobs::list_jobs))
+        .routes(routes!(jobs::get_job, jobs::delete_job))
+        .routes(routes!(jobs::cancel_job))
+        .routes(routes!(jobs::retry_job))
+        .routes(routes!(jobs::job_events))
+        .routes(routes!(jobs::job_log))
+        .routes(routes!(jobs::job_report))
+        .routes(routes!(maps::list_maps))
+        .routes(routes!(maps::get_map, maps::patch_map, maps::delete_map))
+        .routes(routes!(maps::list_versions))
+        .routes(routes!(maps::activate_version))
+        .routes(routes!(maps::map_cameras))
+}
+
+/// Routes that take uploads, wait for workers, or stay open.
+fn slow_routes() -> OpenApiRouter<Arc<App>> {
+    OpenApiRouter::new()
+        .routes(routes!(uploads::upload_images, images::list_images))
+        .routes(routes!(uploads::upload_archive))
+        .routes(routes!(maps::align_map))
+        .routes(routes!(exports::map_points))
+        .routes(routes!(exports::export))
+        .routes(routes!(localize::localize))
+        .routes(routes!(socket::open_socket))
+}
+
+/// The description alone.
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    let mut openapi = quick_routes().merge(slow_routes()).into_openapi();
+    let scheme = HttpBuilder::new()
+        .scheme(HttpAuthScheme::Bearer)
+        .description(Some("A token from `POST /v1/tokens`"))
+        .build();
+    if let Some(components) = &mut openapi.components {
+        components.add_security_scheme("bearer", SecurityScheme::Http(scheme));
+    }
+    let problem = ResponseBuilder::new()
+        .description("The request was not done")
+        .content(PROBLEM_JSON, Content::new(Some(RefOr::Ref(Ref::from_schema_name("Problem")))))
+        .build();
+    for item in openapi.paths.paths.values_mut() {
+        let operations: [&mut Option<Operation>; 5] =
+            [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
+        for operation in operations.into_iter().flatten() {
+            let responses = &mut operation.responses.responses;
+            responses.insert("default".to_owned(), RefOr::T(problem.clone()));
+        }
+    }
+    openapi
+}
+
+/// The description as text.
+pub fn openapi_yaml() -> String {
+    openapi().to_yaml().unwrap_or_default()
+}
+
+/// Every route with everything around it.
+pub(crate) fn router(app: Arc<App>) -> Router {
+    let limits = &app.config.limits;
+    let (json, upload) = (limits.json_bytes as usize, limits.upload_bytes as usize);
+    let idle = std::time::Duration::from_secs(limits.body_idle_timeout_s);
+    let archive = limits.archive_bytes.max(limits.upload_bytes) as usize;
+    let quick: Router<Arc<App>> = quick_routes().into();
+    let quick = quick
+        .layer(from_fn_with_state(Arc::clone(&app), limit_time))
+        .layer(DefaultBodyLimit::max(json));
+    let slow: Router<Arc<App>> = slow_routes().into();
+    let slow = slow.layer(DefaultBodyLimit::max(upload.max(archive)));
+    quick
+        .merge(slow)
+        .fallback(|| async { ApiError::new(Code::NoSuchRoute, "there is no such route") })
+        .method_not_allowed_fallback(|| async {
+            ApiError::new(Code::MethodNotAllowed, "the route does not know this method")
+        })
+        .layer(RequestBodyTimeoutLayer::new(idle))
+        .layer(CatchPanicLayer::custom(answer_panic))
+        .layer(from_fn_with_state(Arc::clone(&app), finish))
+        .with_state(app)
+}
+
+/// Ends what takes too long.
+async fn limit_time(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    match tokio::time::timeout(app.config.request_timeout, next.run(request)).await {
+        Ok(response) => response,
+        Err(_) => ApiError::new(Code::RequestTimeout, "the request took too long").into_response(),
+    }
+}
+
+/// Counts answers, names the path in errors, and keeps browsers from guessing types.
+async fn finish(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let path = request.uri().path().to_owned();
+    let mut response = next.run(request).await;
+    app.metrics.answered(response.status().as_u16());
+    if let Some(error) = response.extensions_mut().remove::<ApiError>() {
+        let problem = Problem { instance: Some(path), ..error.problem() };
+        let mut headers = std::mem::take(response.headers_mut());
+        headers.remove(header::CONTENT_LENGTH);
+        response = (response.status(), Json(problem)).into_response();
+        response.headers_mut().extend(headers);
+        response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
+    }
+    let headers = response.headers_mut();
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-cache"));
+    response
+}
+
+fn answer_panic(cause: Box<dyn Any + Send>) -> Response {
+    let text = cause
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| cause.downcast_ref::<&str>().copied())
+        .unwrap_or("no message");
+    ApiError::internal(format!("panic: {text}")).into_response()
+}

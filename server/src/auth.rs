@@ -1,0 +1,228 @@
+//! Who asks, and what they may.
+
+use std::{
+    collections::{HashMap, HashSet},
+    net::{IpAddr, Ipv4Addr},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use axum::{
+    extract::FromRequestParts,
+    http::{HeaderMap, header, request::Parts},
+};
+use sha2::{Digest, Sha256};
+use subtle::ConstantTimeEq;
+use uuid::Uuid;
+use volery_api::{Role, ws::BEARER_PROTOCOL};
+
+use crate::{
+    accept::Peer,
+    clock,
+    error::{ApiError, ApiResult, Code},
+    state::App,
+    store::blobs::hex,
+};
+
+/// Failures of one address within [`WINDOW`] before it has to wait.
+const MAX_FAILURES: u32 = 10;
+const WINDOW: Duration = Duration::from_secs(60);
+/// Addresses and known tokens kept at once.
+const MAX_KEPT: usize = 4096;
+
+/// Who asks.
+#[derive(Debug, Clone)]
+pub(crate) struct Caller {
+    /// Of the token; nil for a caller from this machine without one.
+    pub(crate) id: Uuid,
+    pub(crate) role: Role,
+}
+
+/// A fresh secret of 256 random bits.
+pub(crate) fn new_secret() -> ApiResult<String> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes).map_err(ApiError::internal)?;
+    Ok(format!("vly_{}", hex(&bytes)))
+}
+
+/// What is kept of a secret. It has 256 random bits, so one plain hash is enough.
+pub(crate) fn hash_secret(secret: &str) -> [u8; 32] {
+    Sha256::digest(secret.as_bytes()).into()
+}
+
+/// Counts failures per address, so that guessing ends after a few tries.
+#[derive(Debug, Default)]
+pub(crate) struct Guard {
+    kept: Mutex<Kept>,
+}
+
+#[derive(Debug, Default)]
+struct Kept {
+    failures: HashMap<IpAddr, (u32, Instant)>,
+    /// Hashes that were valid before: a flood of guesses does not lock their owners out.
+    known: HashSet<[u8; 32]>,
+}
+
+impl Guard {
+    fn check(&self, address: IpAddr, hash: &[u8; 32], now: Instant) -> ApiResult<()> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(&(failures, since)) = kept.failures.get(&address) else { return Ok(()) };
+        let window = WINDOW * (failures / MAX_FAILURES).max(1);
+        if now >= since + window {
+            kept.failures.remove(&address);
+            return Ok(());
+        }
+        if failures < MAX_FAILURES || kept.known.contains(hash) {
+            return Ok(());
+        }
+        let retry_after_s = (since + window - now).as_secs() + 1;
+        Err(ApiError::new(
+            Code::TooMany { code: "too_many_failures", retry_after_s },
+            format!("{failures} requests from {address} had no valid token"),
+        ))
+    }
+
+    fn failed(&self, address: IpAddr, now: Instant) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.failures.len() >= MAX_KEPT {
+            kept.failures.clear();
+        }
+        kept.failures.entry(address).or_insert((0, now)).0 += 1;
+    }
+
+    fn passed(&self, hash: [u8; 32]) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.known.len() >= MAX_KEPT {
+            kept.known.clear();
+        }
+        kept.known.insert(hash);
+    }
+}
+
+/// The token of a request: in `Authorization`, or, for sockets of browsers, in a subprotocol.
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    if let Some(value) = headers.get(header::AUTHORIZATION) {
+        let (scheme, token) = value.to_str().ok()?.split_once(' ')?;
+        return scheme.eq_ignore_ascii_case("bearer").then(|| token.trim());
+    }
+    headers
+        .get_all(header::SEC_WEBSOCKET_PROTOCOL)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .find_map(|protocol| protocol.trim().strip_prefix(BEARER_PROTOCOL))
+}
+
+/// Whether a request comes from a page of another site.
+fn is_foreign_page(headers: &HeaderMap) -> bool {
+    let Some(origin) = headers.get(header::ORIGIN) else { return false };
+    let host = origin.to_str().ok().and_then(|origin| origin.split_once("://")).map(|(_, host)| {
+        host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |h| h.0)
+    });
+    !matches!(host, Some("localhost" | "127.0.0.1" | "[::1]"))
+}
+
+async fn authenticate(parts: &Parts, app: &App) -> ApiResult<Caller> {
+    let peer = parts.extensions.get::<Peer>();
+    let address = peer.map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |peer| peer.0.ip());
+    let Some(secret) = bearer(&parts.headers) else {
+        if app.config.loopback_without_token
+            && address.to_canonical().is_loopback()
+            && !is_foreign_page(&parts.headers)
+        {
+            return Ok(Caller { id: Uuid::nil(), role: Role::Admin });
+        }
+        return Err(ApiError::new(Code::Unauthorized, "the request carries no token")
+            .hint("send `Authorization: Bearer <token>`"));
+    };
+    let now = Instant::now();
+    let hash = hash_secret(secret);
+    app.guard.check(address, &hash, now)?;
+    let token = app.store.token_by_hash(&hash).await?;
+    let Some(token) = token.filter(|token| bool::from(token.hash.ct_eq(&hash))) else {
+        app.guard.failed(address, now);
+        return Err(ApiError::new(Code::Unauthorized, "the token is not valid"));
+    };
+    if token.expires_ms.is_some_and(|end| end <= clock::now_ms()) {
+        return Err(ApiError::new(Code::TokenExpired, "the token has expired")
+            .hint("ask an admin for a new one"));
+    }
+    app.guard.passed(hash);
+    Ok(Caller { id: token.id, role: token.role })
+}
+
+macro_rules! callers {
+    ($($(#[$doc:meta])* $name:ident)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone)]
+        pub(crate) struct $name(
+            #[allow(dead_code, reason = "most handlers only need to know that the role is high enough")]
+            pub(crate) Caller,
+        );
+
+        impl FromRequestParts<Arc<App>> for $name {
+            type Rejection = ApiError;
+
+            async fn from_request_parts(parts: &mut Parts, app: &Arc<App>) -> ApiResult<Self> {
+                let caller = authenticate(parts, app).await?;
+                if caller.role < Role::$name {
+                    return Err(ApiError::new(
+                        Code::Forbidden,
+                        format!("a {} may not do this", caller.role.name()),
+                    )
+                    .hint(format!("use a token with the role {} or higher", Role::$name.name())));
+                }
+                Ok(Self(caller))
+            }
+        }
+    )*};
+}
+
+callers! {
+    /// Any valid token.
+    Viewer
+    /// A token that may make things.
+    Mapper
+    /// A token that may hand out tokens.
+    Admin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn guessing_ends_after_ten_failures_and_begins_again_later() {
+        let guard = Guard::default();
+        let address = IpAddr::V4(Ipv4Addr::LOCALHOST);
+        let now = Instant::now();
+        for _ in 0..MAX_FAILURES {
+            guard.check(address, &[0; 32], now).unwrap();
+            guard.failed(address, now);
+        }
+        assert_eq!(guard.check(address, &[0; 32], now).unwrap_err().code(), "too_many_failures");
+        guard.passed([1; 32]);
+        guard.check(address, &[1; 32], now).unwrap();
+        guard.check(address, &[0; 32], now + WINDOW).unwrap();
+    }
+
+    #[test]
+    fn the_token_may_come_as_a_subprotocol() {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::SEC_WEBSOCKET_PROTOCOL, "volery, bearer.abc".parse().unwrap());
+        assert_eq!(bearer(&headers), Some("abc"));
+        headers.insert(header::AUTHORIZATION, "Basic abc".parse().unwrap());
+        assert_eq!(bearer(&headers), None);
+    }
+
+    #[test]
+    fn pages_of_other_sites_are_foreign() {
+        for (origin, foreign) in
+            [("http://localhost:8420", false), ("http://127.0.0.1", false), ("http://evil", true)]
+        {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::ORIGIN, origin.parse().unwrap());
+            assert_eq!(is_foreign_page(&headers), foreign, "{origin}");
+        }
+    }
+}

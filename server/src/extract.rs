@@ -1,0 +1,147 @@
+//! Parts of a request, with our errors when they are wrong.
+
+use axum::{
+    Json,
+    body::Bytes,
+    extract::{
+        FromRequest, FromRequestParts, Path, Query, Request,
+        multipart::MultipartError,
+        rejection::{BytesRejection, FailedToBufferBody},
+    },
+    http::{HeaderMap, StatusCode, header, request::Parts},
+};
+use serde::de::DeserializeOwned;
+
+use crate::error::{ApiError, ApiResult, Code};
+
+/// A JSON body. Fields that the type does not know are refused.
+#[derive(Debug)]
+pub(crate) struct Body<T>(pub(crate) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> ApiResult<Self> {
+        if !media_type(request.headers()).is_some_and(|kind| is_json(&kind)) {
+            return Err(ApiError::new(
+                Code::UnsupportedMediaType,
+                "the body must be application/json",
+            ));
+        }
+        let bytes = Bytes::from_request(request, state).await.map_err(body_error)?;
+        parse_json(&bytes).map(Self)
+    }
+}
+
+fn is_json(kind: &str) -> bool {
+    kind == "application/json" || kind.ends_with("+json")
+}
+
+/// JSON from bytes: syntax errors are 400, wrong content is 422.
+pub(crate) fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> ApiResult<T> {
+    Json::<T>::from_bytes(bytes).map(|Json(value)| value).map_err(|rejection| {
+        let detail = rejection.body_text();
+        if rejection.status() == StatusCode::UNPROCESSABLE_ENTITY {
+            let unknown = detail.contains("unknown field");
+            let code = if unknown { "unknown_field" } else { "invalid_body" };
+            ApiError::new(Code::Unprocessable(code), detail)
+        } else {
+            ApiError::new(Code::BadRequest, detail)
+        }
+    })
+}
+
+/// JSON in a header, if the header is there.
+pub(crate) fn json_header<T: DeserializeOwned>(
+    headers: &HeaderMap,
+    name: &str,
+) -> ApiResult<Option<T>> {
+    headers
+        .get(name)
+        .map(|value| parse_json(value.as_bytes()))
+        .transpose()
+        .map_err(|error| ApiError { detail: format!("header {name}: {}", error.detail), ..error })
+}
+
+/// The media type of a body without its parameters, lower case.
+pub(crate) fn media_type(headers: &HeaderMap) -> Option<String> {
+    let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    Some(value.split(';').next()?.trim().to_ascii_lowercase())
+}
+
+/// A body that could not be read.
+pub(crate) fn body_error(rejection: BytesRejection) -> ApiError {
+    match &rejection {
+        BytesRejection::FailedToBufferBody(FailedToBufferBody::LengthLimitError(_)) => {
+            ApiError::new(Code::TooLarge, "the body is larger than this route takes")
+                .hint("/v1/info lists the limits")
+        }
+        _ => stream_error(&rejection),
+    }
+}
+
+/// A body that ended or paused.
+pub(crate) fn stream_error(error: &(dyn std::error::Error + 'static)) -> ApiError {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        if error.is::<http_body_util::LengthLimitError>() {
+            return ApiError::new(Code::TooLarge, "the body is larger than this route takes")
+                .hint("/v1/info lists the limits");
+        }
+        if error.is::<tower_http::timeout::TimeoutError>() {
+            return ApiError::new(Code::RequestTimeout, "the body came too slowly");
+        }
+        cause = error.source();
+    }
+    ApiError::new(Code::BadRequest, format!("the body ended early: {error}"))
+}
+
+/// A part of a multipart body that could not be read.
+pub(crate) fn multipart_error(error: &MultipartError) -> ApiError {
+    if error.status() == StatusCode::PAYLOAD_TOO_LARGE {
+        return ApiError::new(Code::TooLarge, "the body is larger than this route takes")
+            .hint("/v1/info lists the limits");
+    }
+    match stream_error(error) {
+        ApiError { code: Code::BadRequest, .. } => {
+            ApiError::new(Code::BadRequest, error.body_text())
+        }
+        error => error,
+    }
+}
+
+/// Parts of the path.
+#[derive(Debug)]
+pub(crate) struct At<T>(pub(crate) T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for At<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> ApiResult<Self> {
+        match Path::from_request_parts(parts, state).await {
+            Ok(Path(value)) => Ok(Self(value)),
+            Err(rejection) => Err(ApiError::new(Code::BadRequest, rejection.body_text())
+                .hint("ids are UUIDs, as the service gave them")),
+        }
+    }
+}
+
+/// The query string. Fields that the type does not know are refused.
+#[derive(Debug)]
+pub(crate) struct Asked<T>(pub(crate) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> ApiResult<Self> {
+        match Query::from_request_parts(parts, state).await {
+            Ok(Query(value)) => Ok(Self(value)),
+            Err(rejection) => {
+                let detail = rejection.body_text();
+                let unknown = detail.contains("unknown field");
+                let code = if unknown { "unknown_field" } else { "invalid_query" };
+                Err(ApiError::new(Code::Unprocessable(code), detail))
+            }
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! Jobs: claimed by lease, run in a child, finished in one transaction.
+
+mod child;
+mod heart;
+mod progress;
+mod run;
+mod spec;
+
+pub(crate) use run::run_jobs;

@@ -1,0 +1,79 @@
+//! What a child is told.
+
+use std::collections::HashSet;
+
+use volery_api::{
+    CreateJob, Image,
+    worker::{JOB_FILE, JobImage, JobSpec},
+};
+
+use crate::{
+    error::{ApiError, ApiResult, Code},
+    state::App,
+    store::{JobRow, blobs::write_whole},
+};
+
+/// Fills the work folder of a job. The same request over the same image sets gives the same file.
+pub(super) async fn prepare(app: &App, job: &JobRow) -> ApiResult<()> {
+    let spec = spec(app, &job.request).await?;
+    let text = serde_json::to_vec_pretty(&spec)?;
+    let folder = app.job_folder(job.id);
+    tokio::task::spawn_blocking(move || {
+        std::fs::create_dir_all(&folder)?;
+        write_whole(&folder.join(JOB_FILE), &text)
+    })
+    .await??;
+    Ok(())
+}
+
+async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
+    let mut images = Vec::new();
+    let mut names = HashSet::new();
+    for (index, &id) in request.imageset_ids.iter().enumerate() {
+        let set = app.store.imageset(id).await?;
+        let camera = match set.camera_id {
+            Some(camera) => Some(app.store.camera(camera).await?.camera),
+            None => None,
+        };
+        for image in in_capture_order(app.store.images_by_name(id).await?) {
+            let mut name = image.name;
+            if !names.insert(name.clone()) {
+                name = format!("{}/{name}", index + 1);
+                names.insert(name.clone());
+            }
+            images.push(JobImage {
+                name,
+                path: app.blobs.path(&image.sha256).display().to_string(),
+                camera: camera.clone(),
+                prior: image.prior.unwrap_or_default(),
+            });
+        }
+    }
+    if images.is_empty() {
+        return Err(ApiError::new(
+            Code::Unprocessable("no_images"),
+            "the image sets hold no images",
+        ));
+    }
+    Ok(JobSpec {
+        images,
+        camera: request.camera.clone(),
+        known_distances: request.known_distances.clone(),
+        preset: request.preset,
+        seed: request.seed,
+        origin: request.origin,
+        max_image_size: request.max_image_size,
+        stages: request.stages.clone(),
+    })
+}
+
+/// By time if every image has one, else by name, which they come in.
+fn in_capture_order(mut images: Vec<Image>) -> Vec<Image> {
+    let time = |image: &Image| image.prior.and_then(|prior| prior.time_s);
+    if images.iter().all(|image| time(image).is_some()) {
+        images.sort_by(|a, b| time(a).partial_cmp(&time(b)).unwrap_or(std::cmp::Ordering::Equal));
+    } else if images.iter().all(|image| image.capture_time_ns.is_some()) {
+        images.sort_by_key(|image| image.capture_time_ns);
+    }
+    images
+}

@@ -1,0 +1,234 @@
+//! Jobs.
+
+use std::sync::Arc;
+
+use axum::{
+    Json,
+    extract::State,
+    http::{HeaderMap, HeaderName, StatusCode, header},
+    response::{IntoResponse, Redirect, Response},
+};
+use uuid::Uuid;
+use volery_api::{
+    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobState, JobsQuery, KnownDistance, Page,
+};
+
+use super::{cameras::check_camera, tokens::check_name};
+use crate::{
+    auth::{Mapper, Viewer},
+    error::{ApiError, ApiResult, Code},
+    extract::{Asked, At, Body},
+    idempotency::Identity,
+    state::App,
+    store::PageAt,
+};
+
+/// Queues a job.
+#[utoipa::path(post, path = "/v1/jobs", tag = "jobs", request_body = CreateJob,
+    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
+    responses((status = 202, description = "It waits; `Location` says where to look", body = Job)))]
+pub(crate) async fn create_job(
+    State(app): State<Arc<App>>,
+    Mapper(caller): Mapper,
+    headers: HeaderMap,
+    Body(request): Body<CreateJob>,
+) -> ApiResult<(StatusCode, [(HeaderName, String); 1], Json<Job>)> {
+    check_request(&app, &request).await?;
+    let identity = Identity::of(&caller, "jobs", &headers)?;
+    let (attempts, queued) = (app.config.jobs.max_attempts, app.config.limits.queued_jobs);
+    let job = app.store.insert_job(&identity, &request, attempts, queued).await?;
+    app.job_queued.notify_one();
+    let location = format!("/v1/jobs/{}", job.id);
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(job)))
+}
+
+async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
+    let bad = |code, detail: String| Err(ApiError::new(Code::Unprocessable(code), detail));
+    if request.imageset_ids.is_empty() {
+        return bad("no_images", "imageset_ids is empty".to_owned());
+    }
+    if request.imageset_ids.len() > 100 {
+        return bad("too_many_imagesets", "a job takes at most 100 image sets".to_owned());
+    }
+    if let Some(name) = &request.map_name {
+        check_name(name)?;
+    }
+    if let Some(camera) = &request.camera {
+        check_camera(camera)?;
+    }
+    let wrong = |distance: &&KnownDistance| !(distance.meters.is_finite() && distance.meters > 0.0);
+    if let Some(distance) = request.known_distances.iter().find(wrong) {
+        return bad("bad_distance", format!("a distance of {} m", distance.meters));
+    }
+    if request.max_image_size.is_some_and(|size| !(64..=16_384).contains(&size)) {
+        return bad("bad_image_size", "max_image_size must be 64 to 16384".to_owned());
+    }
+    let mut images = 0;
+    for (index, &id) in request.imageset_ids.iter().enumerate() {
+        if request.imageset_ids[..index].contains(&id) {
+            return bad("repeated_imageset", format!("image set {id} is named twice"));
+        }
+        match app.store.imageset(id).await {
+            Ok(set) => images += set.num_images,
+            Err(ApiError { code: Code::NotFound, detail, .. }) => {
+                return bad("unknown_imageset", detail);
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    if images == 0 {
+        return bad("no_images", "the image sets hold no images".to_owned());
+    }
+    match request.map_id {
+        Some(map) if !app.store.has_map(map).await? => {
+            bad("unknown_map", format!("there is no map {map}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Lists jobs, oldest first.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(JobsQuery),
+    responses((status = 200, description = "Jobs", body = Page<Job>)))]
+pub(crate) async fn list_jobs(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    Asked(query): Asked<JobsQuery>,
+) -> ApiResult<Json<Page<Job>>> {
+    let at = PageAt::parse(query.limit, query.cursor.as_deref())?;
+    let state = query.state.as_deref().map(|name| {
+        JobState::from_name(name).ok_or_else(|| {
+            ApiError::new(Code::Unprocessable("bad_state"), format!("no state is {name:?}"))
+        })
+    });
+    Ok(Json(app.store.jobs(state.transpose()?, at).await?))
+}
+
+/// One job.
+#[utoipa::path(get, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 200, description = "The job", body = Job)))]
+pub(crate) async fn get_job(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+) -> ApiResult<Json<Job>> {
+    Ok(Json(app.store.job(id).await?))
+}
+
+/// Ends a waiting job, or asks a running one to stop at its next unit of work.
+#[utoipa::path(post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
+    params(("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 202, description = "The job", body = Job)))]
+pub(crate) async fn cancel_job(
+    State(app): State<Arc<App>>,
+    _caller: Mapper,
+    At(id): At<Uuid>,
+) -> ApiResult<(StatusCode, Json<Job>)> {
+    let job = app.store.cancel_job(id).await?;
+    app.job_cancelled.notify_waiters();
+    Ok((StatusCode::ACCEPTED, Json(job)))
+}
+
+/// Runs a failed, cancelled or partial job again. What it has finished is not done again.
+#[utoipa::path(post, path = "/v1/jobs/{id}/retry", tag = "jobs",
+    params(("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 202, description = "The job", body = Job)))]
+pub(crate) async fn retry_job(
+    State(app): State<Arc<App>>,
+    _caller: Mapper,
+    At(id): At<Uuid>,
+) -> ApiResult<(StatusCode, Json<Job>)> {
+    let job = app.store.retry_job(id).await?;
+    app.job_queued.notify_one();
+    Ok((StatusCode::ACCEPTED, Json(job)))
+}
+
+/// Forgets a finished job with its events and its work folder. Its map stays.
+#[utoipa::path(delete, path = "/v1/jobs/{id}", tag = "jobs",
+    params(("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 204, description = "It is gone")))]
+pub(crate) async fn delete_job(
+    State(app): State<Arc<App>>,
+    _caller: Mapper,
+    At(id): At<Uuid>,
+) -> ApiResult<StatusCode> {
+    app.store.delete_job(id).await?;
+    if let Err(error) = tokio::fs::remove_dir_all(app.job_folder(id)).await
+        && error.kind() != std::io::ErrorKind::NotFound
+    {
+        tracing::warn!(job = %id, %error, "cannot delete the work folder of job {id}");
+    }
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// What happened to a job, in order.
+#[utoipa::path(get, path = "/v1/jobs/{id}/events", tag = "jobs",
+    params(EventsQuery, ("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 200, description = "Events", body = JobEvents)))]
+pub(crate) async fn job_events(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+    Asked(query): Asked<EventsQuery>,
+) -> ApiResult<Json<JobEvents>> {
+    let items = read_events(&app, id, &query).await?;
+    let last = items.last().map_or(query.after.unwrap_or(0), |event| event.seq);
+    Ok(Json(JobEvents { items, last }))
+}
+
+async fn read_events(app: &App, id: Uuid, query: &EventsQuery) -> ApiResult<Vec<JobEvent>> {
+    let limit = query.limit.unwrap_or(1000);
+    if !(1..=1000).contains(&limit) {
+        let detail = format!("limit must be 1 to 1000, got {limit}");
+        return Err(ApiError::new(Code::Unprocessable("bad_limit"), detail));
+    }
+    app.store.job(id).await?;
+    app.store.events(id, query.after.unwrap_or(0), limit).await
+}
+
+/// The log of a job as text, one line per entry.
+#[utoipa::path(get, path = "/v1/jobs/{id}/log", tag = "jobs",
+    params(EventsQuery, ("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 200, description = "The log", body = String, content_type = "text/plain")))]
+pub(crate) async fn job_log(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+    Asked(query): Asked<EventsQuery>,
+) -> ApiResult<Response> {
+    let mut text = String::new();
+    for event in read_events(&app, id, &query).await? {
+        let field = |name: &str| event.data[name].as_str().unwrap_or_default();
+        let line = match event.kind.as_str() {
+            "job.log" => format!("{} {} {}\n", event.time, field("level"), field("message")),
+            "job.state" => format!("{} info job {}\n", event.time, field("state")),
+            "job.stage" => format!("{} info stage {}\n", event.time, field("stage")),
+            _ => continue,
+        };
+        text.push_str(&line);
+    }
+    Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], text).into_response())
+}
+
+/// The report of a job: leads to the report of the map it made.
+#[utoipa::path(get, path = "/v1/jobs/{id}/report", tag = "jobs",
+    params(("id" = Uuid, Path, description = "Of the job")),
+    responses((status = 303, description = "`Location` is the report")))]
+pub(crate) async fn job_report(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+    headers: HeaderMap,
+) -> ApiResult<Redirect> {
+    let job = app.store.job(id).await?;
+    let Some(outputs) = job.outputs else {
+        let detail = format!("job {id} is {} and has made no map", job.state.name());
+        return Err(ApiError::new(Code::Conflict("no_report"), detail));
+    };
+    let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
+    let html = accept.is_some_and(|accept| accept.contains("text/html"));
+    let name = if html { "report.html" } else { "report.json" };
+    let (map, version) = (outputs.map_id, outputs.version);
+    Ok(Redirect::to(&format!("/v1/maps/{map}/export/{name}?version={version}")))
+}

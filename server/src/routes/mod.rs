@@ -1,0 +1,18 @@
+//! HTTP: a handler parses, calls, answers.
+
+pub(crate) mod cameras;
+pub(crate) mod exports;
+mod files;
+pub(crate) mod images;
+pub(crate) mod imagesets;
+mod ingest;
+pub(crate) mod jobs;
+pub(crate) mod localize;
+pub(crate) mod maps;
+pub(crate) mod priors;
+pub(crate) mod service;
+pub(crate) mod tokens;
+pub(crate) mod uploads;
+mod zips;
+
+pub(crate) use localize::localize_in;

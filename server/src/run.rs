@@ -1,0 +1,130 @@
+//! Start and end of the service.
+
+use std::{fs::File, io::Write, net::SocketAddr, sync::Arc};
+
+use rustix::fs::{FlockOperation, flock};
+use tokio::{net::TcpListener, task::JoinHandle};
+use volery_api::Role;
+
+use crate::{
+    accept, app,
+    auth::{hash_secret, new_secret},
+    config::Config,
+    error::{ApiError, ApiResult},
+    jobs,
+    state::App,
+};
+
+/// Why the service does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// Another service works on the same data folder.
+    #[error("another service uses the data folder {0}")]
+    FolderInUse(std::path::PathBuf),
+    /// The address cannot be had.
+    #[error("cannot listen on {0}: {1}")]
+    Listen(SocketAddr, std::io::Error),
+    /// Loopback without a token on an address that others can reach.
+    #[error("requests without a token are for loopback only, not for {0}")]
+    OpenToOthers(SocketAddr),
+    /// The data folder cannot be used.
+    #[error("cannot open the data folder: {0}")]
+    Data(String),
+}
+
+impl From<ApiError> for ServeError {
+    fn from(error: ApiError) -> Self {
+        Self::Data(error.detail)
+    }
+}
+
+impl From<std::io::Error> for ServeError {
+    fn from(error: std::io::Error) -> Self {
+        Self::Data(error.to_string())
+    }
+}
+
+/// A service that runs until [`RunningServer::stop`].
+#[derive(Debug)]
+pub struct RunningServer {
+    /// Where it listens.
+    pub addr: SocketAddr,
+    /// The secret of the first admin token; only at the first start over a data folder.
+    pub admin_token: Option<String>,
+    app: Arc<App>,
+    tasks: Vec<JoinHandle<()>>,
+    /// Held as long as the folder is in use.
+    _lock: File,
+}
+
+impl RunningServer {
+    /// Its address for clients.
+    pub fn url(&self) -> String {
+        format!("http://{}", self.addr)
+    }
+
+    /// Closes down: running jobs are put back into the queue.
+    pub async fn stop(self) {
+        self.app.closing.cancel();
+        for task in self.tasks {
+            // A task that panicked has been reported.
+            let _ = task.await;
+        }
+        self.app.store.close().await;
+    }
+}
+
+/// Opens the data folder, listens and works, in the background.
+pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
+    if config.loopback_without_token && !config.listen.ip().is_loopback() {
+        return Err(ServeError::OpenToOthers(config.listen));
+    }
+    std::fs::create_dir_all(&config.data)?;
+    let config = Config { data: std::fs::canonicalize(&config.data)?, ..config };
+    let lock = File::create(config.data.join("lock"))?;
+    if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+        return Err(ServeError::FolderInUse(config.data));
+    }
+    let listen = config.listen;
+    let listener =
+        TcpListener::bind(listen).await.map_err(|error| ServeError::Listen(listen, error))?;
+    let addr = listener.local_addr()?;
+    let app = App::open(config).await?;
+    let recovered = app.store.recover_jobs().await?;
+    if recovered > 0 {
+        tracing::info!("{recovered} jobs go on where the last service left them");
+    }
+    let admin_token = first_token(&app).await?;
+    let router = app::router(Arc::clone(&app));
+    let tasks = vec![
+        tokio::spawn(accept::accept(listener, router, Arc::clone(&app))),
+        tokio::spawn(jobs::run_jobs(Arc::clone(&app))),
+    ];
+    tracing::info!(%addr, "listening on {addr}");
+    Ok(RunningServer { addr, admin_token, app, tasks, _lock: lock })
+}
+
+/// Serves until `shutdown` is ready. Prints the address, and at the first start the first admin
+/// token, to standard output.
+pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result<(), ServeError> {
+    let server = start(config).await?;
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "volery listens on {}", server.url())?;
+    if let Some(token) = &server.admin_token {
+        writeln!(out, "admin token (shown this once): {token}")?;
+    }
+    out.flush()?;
+    drop(out);
+    shutdown.await;
+    server.stop().await;
+    Ok(())
+}
+
+async fn first_token(app: &App) -> ApiResult<Option<String>> {
+    if app.store.has_tokens().await? {
+        return Ok(None);
+    }
+    let secret = new_secret()?;
+    app.store.insert_token("first", Role::Admin, &hash_secret(&secret), None).await?;
+    Ok(Some(secret))
+}

@@ -1,0 +1,96 @@
+//! What every request can reach.
+
+use std::{path::PathBuf, sync::Arc};
+
+use tokio::sync::{Notify, Semaphore};
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+use volery_api::MapVersion;
+
+use crate::{
+    auth::Guard,
+    config::Config,
+    error::{ApiError, ApiResult},
+    metrics::Metrics,
+    store::{Store, blobs::Blobs},
+    workers::Pool,
+};
+
+/// Uploaded files held in memory at once.
+const MAX_HELD_FILES: usize = 4;
+
+/// The service.
+#[derive(Debug)]
+pub(crate) struct App {
+    pub(crate) config: Config,
+    pub(crate) store: Store,
+    pub(crate) blobs: Blobs,
+    pub(crate) guard: Guard,
+    pub(crate) metrics: Metrics,
+    pub(crate) decoders: Pool,
+    pub(crate) localizers: Pool,
+    pub(crate) held_files: Semaphore,
+    /// Woken when a job was queued.
+    pub(crate) job_queued: Notify,
+    /// Woken when a running job was asked to stop.
+    pub(crate) job_cancelled: Notify,
+    pub(crate) closing: CancellationToken,
+    /// Names this process in leases.
+    pub(crate) instance: Uuid,
+}
+
+impl App {
+    /// Opens the data folder.
+    pub(crate) async fn open(config: Config) -> ApiResult<Arc<Self>> {
+        std::fs::create_dir_all(config.data.join("jobs"))?;
+        let blobs = Blobs::open(&config.data, config.limits.disk_reserve_bytes)?;
+        let store = Store::open(&config.data.join("volery.db")).await?;
+        let limits = &config.workers;
+        Ok(Arc::new(Self {
+            decoders: Pool::new(&config, "run-decoder", limits.decoders, limits.decoder_bytes),
+            localizers: Pool::new(
+                &config,
+                "run-localizer",
+                limits.localizers,
+                limits.localizer_bytes,
+            ),
+            held_files: Semaphore::new(MAX_HELD_FILES),
+            job_queued: Notify::new(),
+            job_cancelled: Notify::new(),
+            closing: CancellationToken::new(),
+            instance: Uuid::now_v7(),
+            guard: Guard::default(),
+            metrics: Metrics::default(),
+            config,
+            store,
+            blobs,
+        }))
+    }
+
+    /// Work folder of a job.
+    pub(crate) fn job_folder(&self, job: Uuid) -> PathBuf {
+        self.config.data.join("jobs").join(job.to_string())
+    }
+
+    /// The folder of a map version, for programs that read files.
+    pub(crate) async fn map_folder(&self, version: &MapVersion) -> ApiResult<PathBuf> {
+        let maps = self.config.data.join("maps").join(version.map_id.to_string());
+        let folder = maps.join(version.version.to_string());
+        if !folder.exists() {
+            let (blobs, files, target) =
+                (self.blobs.clone(), version.files.clone(), folder.clone());
+            tokio::task::spawn_blocking(move || blobs.lay_out(&files, &target)).await??;
+        }
+        Ok(folder)
+    }
+
+    /// Runs blocking work on the blobs.
+    pub(crate) async fn with_blobs<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Blobs) -> std::io::Result<T> + Send + 'static,
+    ) -> ApiResult<T> {
+        let blobs = self.blobs.clone();
+        let result = tokio::task::spawn_blocking(move || work(&blobs)).await?;
+        result.map_err(ApiError::from)
+    }
+}

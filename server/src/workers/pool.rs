@@ -1,0 +1,142 @@
+//! A few children of one kind that answer one question at a time.
+
+use std::{
+    process::Stdio,
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
+
+use serde::{Serialize, de::DeserializeOwned};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    process::{Child, ChildStdin, ChildStdout},
+    sync::Semaphore,
+};
+use volery_api::{
+    WorkerFailure,
+    worker::{MAX_WORKER_HEADER, WorkerReply, WorkerRequest},
+};
+
+use super::process::{command, confine};
+use crate::{
+    config::Config,
+    error::{ApiError, Code},
+};
+
+/// Why there is no answer.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum PoolError {
+    /// The child said so.
+    #[error("{}", .0.detail)]
+    Refused(WorkerFailure),
+    /// The child died or talked nonsense.
+    #[error("the worker died")]
+    Died,
+    /// The child took too long and was killed.
+    #[error("the worker took longer than {0:?}")]
+    TimedOut(Duration),
+    /// The child could not be started.
+    #[error("the worker cannot be started: {0}")]
+    NoStart(std::io::Error),
+}
+
+impl From<PoolError> for ApiError {
+    fn from(error: PoolError) -> Self {
+        let code = match error {
+            PoolError::Refused(failure) => return failure.into(),
+            PoolError::Died => "worker_died",
+            PoolError::TimedOut(_) => "worker_timeout",
+            PoolError::NoStart(_) => "worker_missing",
+        };
+        Self::new(Code::Worker(code), error.to_string())
+    }
+}
+
+/// Children that answer, started when needed and kept for the next question.
+#[derive(Debug)]
+pub(crate) struct Pool {
+    config: Config,
+    word: &'static str,
+    bytes: u64,
+    places: Semaphore,
+    idle: Mutex<Vec<Worker>>,
+}
+
+#[derive(Debug)]
+struct Worker {
+    _child: Child,
+    stdin: ChildStdin,
+    stdout: ChildStdout,
+}
+
+impl Pool {
+    /// At most `size` children of `<program> <word>`, each with `bytes` of address space.
+    pub(crate) fn new(config: &Config, word: &'static str, size: usize, bytes: u64) -> Self {
+        Self {
+            config: config.clone(),
+            word,
+            bytes,
+            places: Semaphore::new(size.max(1)),
+            idle: Mutex::new(Vec::new()),
+        }
+    }
+
+    /// Asks a child. One that dies, talks nonsense or takes too long is replaced at the next
+    /// question; so is one whose asker went away.
+    pub(crate) async fn call<T: Serialize + DeserializeOwned>(
+        &self,
+        request: &WorkerRequest,
+        payload: &[u8],
+        timeout: Duration,
+    ) -> Result<T, PoolError> {
+        let _place = self.places.acquire().await.map_err(|_| PoolError::Died)?;
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut worker = match idle {
+            Some(worker) => worker,
+            None => self.start().map_err(PoolError::NoStart)?,
+        };
+        let header = serde_json::to_vec(request).map_err(|_| PoolError::Died)?;
+        let answer = tokio::time::timeout(timeout, worker.ask(&header, payload))
+            .await
+            .map_err(|_| PoolError::TimedOut(timeout))?
+            .map_err(|_| PoolError::Died)?;
+        let reply = WorkerReply::parse(&answer).map_err(|_| PoolError::Died)?;
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
+        reply.0.map_err(PoolError::Refused)
+    }
+
+    fn start(&self) -> std::io::Result<Worker> {
+        let mut child = command(&self.config, self.word).stderr(Stdio::null()).spawn()?;
+        confine(&child, self.bytes, 0);
+        let (stdin, stdout) = child.stdin.take().zip(child.stdout.take()).ok_or_else(|| {
+            std::io::Error::other("the worker's standard input and output are not piped")
+        })?;
+        Ok(Worker { _child: child, stdin, stdout })
+    }
+}
+
+impl Worker {
+    async fn ask(&mut self, header: &[u8], payload: &[u8]) -> std::io::Result<Vec<u8>> {
+        let too_long = || std::io::Error::from(std::io::ErrorKind::InvalidInput);
+        for part in [header, payload] {
+            let len = u32::try_from(part.len()).map_err(|_| too_long())?;
+            self.stdin.write_all(&len.to_le_bytes()).await?;
+            self.stdin.write_all(part).await?;
+        }
+        self.stdin.flush().await?;
+        let answer = self.read_part().await?;
+        // No answer has a payload yet.
+        self.read_part().await?;
+        Ok(answer)
+    }
+
+    async fn read_part(&mut self) -> std::io::Result<Vec<u8>> {
+        let len = self.stdout.read_u32_le().await? as usize;
+        if len > MAX_WORKER_HEADER {
+            return Err(std::io::ErrorKind::InvalidData.into());
+        }
+        let mut part = vec![0; len];
+        self.stdout.read_exact(&mut part).await?;
+        Ok(part)
+    }
+}

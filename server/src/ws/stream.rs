@@ -1,0 +1,166 @@
+//! A localization stream: the newest frame wins.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Mutex, PoisonError},
+    time::Instant,
+};
+
+use bytes::Bytes;
+use tokio::sync::Notify;
+use volery_api::{
+    MapVersion,
+    ws::{FrameHeader, ServerBody, StreamMode, StreamOpen},
+};
+
+use super::connection::{Gone, Outbox, Task};
+use crate::{
+    error::{ApiError, ApiResult, Code},
+    metrics::add,
+    routes::{cameras::check_camera, localize::Query, localize_in},
+    state::App,
+};
+
+/// Frames that may wait with [`StreamMode::All`].
+const MAX_WAITING: usize = 8;
+
+/// An open stream.
+#[derive(Debug)]
+pub(super) struct Stream {
+    shared: Arc<Shared>,
+    _task: Task,
+}
+
+#[derive(Debug)]
+struct Shared {
+    app: Arc<App>,
+    outbox: Outbox,
+    open: StreamOpen,
+    waiting: Mutex<VecDeque<Frame>>,
+    arrived: Notify,
+}
+
+#[derive(Debug)]
+struct Frame {
+    header: FrameHeader,
+    payload: Bytes,
+    arrived: Instant,
+}
+
+impl Stream {
+    /// Fixes the version of the map for the life of the stream.
+    pub(super) async fn open(
+        app: &Arc<App>,
+        outbox: Outbox,
+        stream_id: u32,
+        open: StreamOpen,
+    ) -> ApiResult<(Self, ServerBody)> {
+        open.camera.as_ref().map_or(Ok(()), check_camera)?;
+        let version = app.store.version(open.map_id, open.version).await?;
+        let opened = ServerBody::StreamOpened {
+            stream_id,
+            map_id: version.map_id,
+            map_version: version.version,
+            credit: match open.mode {
+                StreamMode::Latest => 1,
+                StreamMode::All => MAX_WAITING as u32,
+            },
+        };
+        let shared = Arc::new(Shared {
+            app: Arc::clone(app),
+            outbox,
+            open,
+            waiting: Mutex::default(),
+            arrived: Notify::new(),
+        });
+        let task = Task(tokio::spawn(answer_frames(Arc::clone(&shared), version)));
+        Ok((Self { shared, _task: task }, opened))
+    }
+
+    /// Takes a frame; tells which one it pushed out.
+    pub(super) fn push(&self, header: FrameHeader, payload: Bytes) -> Result<(), Gone> {
+        let frame = Frame { header, payload, arrived: Instant::now() };
+        let dropped = {
+            let mut waiting = self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+            match self.shared.open.mode {
+                StreamMode::Latest => {
+                    let old = waiting.pop_front().map(|old| (old, "superseded"));
+                    waiting.push_back(frame);
+                    old
+                }
+                StreamMode::All if waiting.len() >= MAX_WAITING => Some((frame, "overload")),
+                StreamMode::All => {
+                    waiting.push_back(frame);
+                    None
+                }
+            }
+        };
+        self.shared.arrived.notify_one();
+        dropped
+            .map_or(Ok(()), |(frame, reason)| self.shared.drop_frame(&frame.header, reason, None))
+    }
+}
+
+impl Shared {
+    fn drop_frame(
+        &self,
+        header: &FrameHeader,
+        reason: &str,
+        detail: Option<String>,
+    ) -> Result<(), Gone> {
+        add(&self.app.metrics.frames_dropped, 1);
+        let body = ServerBody::FrameDropped {
+            stream_id: header.stream_id,
+            seq: header.seq,
+            reason: reason.to_owned(),
+            detail,
+        };
+        self.outbox.send(None, body)
+    }
+}
+
+async fn answer_frames(shared: Arc<Shared>, version: MapVersion) {
+    loop {
+        let next = shared.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+        let Some(Frame { header, payload, arrived }) = next else {
+            shared.arrived.notified().await;
+            continue;
+        };
+        let query = Query {
+            image: payload,
+            camera: shared.open.camera.clone(),
+            prior: header.prior,
+            encoding: header.encoding,
+            width: header.width,
+            height: header.height,
+        };
+        let sent = match localize_in(&shared.app, &version, query, arrived).await {
+            Ok(answer) => shared.outbox.send(
+                None,
+                ServerBody::FrameResult {
+                    stream_id: header.stream_id,
+                    seq: header.seq,
+                    t_capture_ns: header.t_capture_ns,
+                    result: Box::new(answer),
+                },
+            ),
+            Err(error) => {
+                let reason = reason_of(&error);
+                shared.drop_frame(&header, reason, Some(error.detail))
+            }
+        };
+        if sent.is_err() {
+            // The connection finds its outbox full at its next message.
+            return;
+        }
+    }
+}
+
+fn reason_of(error: &ApiError) -> &'static str {
+    match &error.code {
+        Code::TooLarge => "too_large",
+        Code::Refused(code) if code == "too_large" => "too_large",
+        Code::Refused(_) | Code::Unprocessable(_) => "decode_error",
+        _ => "overload",
+    }
+}
