@@ -152,10 +152,11 @@ fn scale_space(simd: SimdLevel, image: &GrayImage, first_octave: i32) -> Vec<Oct
 
 fn find_candidates(simd: SimdLevel, octaves: &[Octave], options: &SiftOptions) -> Vec<Candidate> {
     let thresholds = Thresholds { peak: options.peak_threshold, edge: options.edge_threshold };
+    let first_step = octaves[0].step;
     let mut candidates = Vec::new();
     for (index, octave) in octaves.iter().enumerate() {
         for extremum in find_extrema(simd, &octave.levels, thresholds) {
-            let sigma = pyramid::level_sigma(extremum.level);
+            let sigma = pyramid::true_sigma(extremum.level, octave.step / first_step);
             candidates.push(Candidate {
                 x: extremum.x * octave.step + octave.origin,
                 y: extremum.y * octave.step + octave.origin,

@@ -5,10 +5,14 @@ use super::Candidate;
 /// Cells of the grid along the longer side of the image.
 const CELLS_PER_SIDE: usize = 16;
 
+/// How much more of the limit an octave gets than the next coarser one: fine keypoints are the
+/// exact ones, coarse ones survive changes of scale.
+const SHARE_RATIO: f64 = 3.0;
+
 /// Indices of at most `limit` candidates, most wanted first.
 ///
-/// Every octave is a stratum; a stratum gets an equal share of the limit, and what it cannot fill
-/// goes to the others, so coarse octaves stay whole and the finest is thinned. Within a stratum
+/// Every octave is a stratum; a stratum's share of the limit is [`SHARE_RATIO`] times that of the
+/// next coarser one, and what it cannot fill goes to the others. Within a stratum
 /// the strongest of each cell of a grid come first, then the second strongest, and so on.
 pub(super) fn select(candidates: &[Candidate], size: [f32; 2], limit: usize) -> Vec<usize> {
     let num_octaves = candidates.iter().map(|c| c.octave + 1).max().unwrap_or(0);
@@ -31,14 +35,18 @@ pub(super) fn select(candidates: &[Candidate], size: [f32; 2], limit: usize) -> 
     wanted.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Shares of `limit` for strata of `sizes`: equal, but never more than a stratum holds.
+/// Shares of `limit` for strata of `sizes`, finest first; none exceeds what its stratum holds.
 fn fill(sizes: &[usize], limit: usize) -> Vec<usize> {
+    let weight = |i: usize| SHARE_RATIO.powi(-(i as i32));
+    // Those that fill up first come first; the rest share what they leave.
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    let fullness = |i: usize| sizes[i] as f64 / weight(i);
+    order.sort_by(|&a, &b| fullness(a).total_cmp(&fullness(b)).then(a.cmp(&b)));
     let mut quotas = vec![0; sizes.len()];
-    let mut by_size: Vec<usize> = (0..sizes.len()).collect();
-    by_size.sort_by_key(|&i| sizes[i]);
     let mut rest = limit;
-    for (position, &i) in by_size.iter().enumerate() {
-        quotas[i] = sizes[i].min(rest / (sizes.len() - position));
+    for (position, &i) in order.iter().enumerate() {
+        let open: f64 = order[position..].iter().map(|&j| weight(j)).sum();
+        quotas[i] = sizes[i].min((rest as f64 * weight(i) / open).round() as usize).min(rest);
         rest -= quotas[i];
     }
     quotas
