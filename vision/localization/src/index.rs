@@ -1,10 +1,69 @@
 //! What localization needs of a map, made once per map version and shared by all requests.
 
-use volery_features::GlobalDescriptor;
-use volery_scene::{Descriptor, SparseModel};
+mod serial;
 
-/// Everything of a map that localization reads.
-pub struct LocalizationIndex {}
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Matrix3, Point3};
+use volery_features::{GlobalDescriptor, PackedDescriptors};
+use volery_scene::{Descriptor, PointId, SparseModel};
+
+/// Localization noise of a map keypoint where the model's own is smaller, pixels per coordinate.
+const MIN_KEYPOINT_SIGMA_PX: f64 = 0.2;
+
+/// A point's deviation at most, relative to its distance from the nearest camera that saw it: a
+/// point whose rays leave the depth open says nothing about it.
+const MAX_RELATIVE_SIGMA: f64 = 0.2;
+
+/// Everything of a map that localization reads: points, and per image the descriptors of the
+/// keypoints that see one.
+pub struct LocalizationIndex {
+    pub(crate) points: Vec<MapPoint>,
+    pub(crate) images: Vec<MapImage>,
+    /// Sightings of point p: `sightings[starts[p]..starts[p + 1]]`.
+    starts: Vec<u32>,
+    sightings: Vec<Sighting>,
+}
+
+/// A point of the map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct MapPoint {
+    pub(crate) position: Point3<f64>,
+    /// Of the position by the noise of its keypoints, square map units.
+    pub(crate) covariance: Matrix3<f32>,
+}
+
+/// An image of the map.
+pub(crate) struct MapImage {
+    pub(crate) cam_from_world: Isometry3<f64>,
+    pub(crate) center: Point3<f64>,
+    pub(crate) global: GlobalDescriptor,
+    /// Which point each row sees.
+    pub(crate) points: Vec<u32>,
+    /// One per row.
+    pub(crate) descriptors: Vec<Descriptor>,
+    pub(crate) packed: PackedDescriptors,
+}
+
+/// One row of an image that sees a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Sighting {
+    pub(crate) image: u32,
+    pub(crate) row: u32,
+}
+
+impl MapImage {
+    fn new(
+        cam_from_world: Isometry3<f64>,
+        global: GlobalDescriptor,
+        points: Vec<u32>,
+        descriptors: Vec<Descriptor>,
+    ) -> Self {
+        let center = volery_geometry::triangulation::camera_center(&cam_from_world);
+        let packed = PackedDescriptors::new(&descriptors);
+        Self { cam_from_world, center, global, points, descriptors, packed }
+    }
+}
 
 impl LocalizationIndex {
     /// From a model (in the map frame) and, per image of `model.images` in order, the descriptors
@@ -14,19 +73,76 @@ impl LocalizationIndex {
         descriptors: &[Vec<Descriptor>],
         global_descriptors: &[GlobalDescriptor],
     ) -> Self {
-        let _ = (model, descriptors, global_descriptors);
-        todo!()
+        let sigma_px = keypoint_sigma(model);
+        let mut index_of_point: BTreeMap<PointId, u32> = BTreeMap::new();
+        let mut points = Vec::new();
+        for (id, point) in &model.points {
+            let covariance = point_covariance(model, *id, sigma_px);
+            if let Some(covariance) = covariance {
+                index_of_point.insert(*id, points.len() as u32);
+                points.push(MapPoint { position: point.position, covariance });
+            }
+        }
+        let images = model.images.values().zip(descriptors).zip(global_descriptors);
+        let images = images
+            .map(|((image, all), global)| {
+                let (mut seen, mut rows) = (Vec::new(), Vec::new());
+                for (point, descriptor) in image.points.iter().zip(all) {
+                    if let Some(point) = point.and_then(|id| index_of_point.get(&id)) {
+                        seen.push(*point);
+                        rows.push(*descriptor);
+                    }
+                }
+                MapImage::new(image.cam_from_world, global.clone(), seen, rows)
+            })
+            .collect();
+        Self::from_parts(points, images)
+    }
+
+    fn from_parts(points: Vec<MapPoint>, images: Vec<MapImage>) -> Self {
+        let mut starts = vec![0_u32; points.len() + 1];
+        for &point in images.iter().flat_map(|image| &image.points) {
+            starts[point as usize + 1] += 1;
+        }
+        for p in 0..points.len() {
+            starts[p + 1] += starts[p];
+        }
+        let mut next = starts.clone();
+        let none = Sighting { image: 0, row: 0 };
+        let mut sightings = vec![none; starts[points.len()] as usize];
+        for (image, map_image) in images.iter().enumerate() {
+            for (row, &point) in map_image.points.iter().enumerate() {
+                let slot = &mut next[point as usize];
+                sightings[*slot as usize] = Sighting { image: image as u32, row: row as u32 };
+                *slot += 1;
+            }
+        }
+        Self { points, images, starts, sightings }
+    }
+
+    /// Number of points.
+    pub fn num_points(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Number of images.
+    pub fn num_images(&self) -> usize {
+        self.images.len()
+    }
+
+    pub(crate) fn sightings(&self, point: u32) -> &[Sighting] {
+        let p = point as usize;
+        &self.sightings[self.starts[p] as usize..self.starts[p + 1] as usize]
     }
 
     /// The bytes of the index, to be kept beside the map.
     pub fn to_bytes(&self) -> Vec<u8> {
-        todo!()
+        serial::to_bytes(self)
     }
 
     /// The inverse of [`Self::to_bytes`]; untrusted bytes give an error, never a panic.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, IndexError> {
-        let _ = bytes;
-        todo!()
+        serial::from_bytes(bytes)
     }
 }
 
@@ -39,4 +155,35 @@ pub enum IndexError {
         /// Where.
         offset: usize,
     },
+}
+
+/// Standard deviation of a keypoint per coordinate: the mean length of a normal residual of two
+/// dimensions is `σ √(π/2)`.
+fn keypoint_sigma(model: &SparseModel) -> f64 {
+    let mean = model.mean_reprojection_error_px().filter(|mean| mean.is_finite()).unwrap_or(0.0);
+    (mean / std::f64::consts::FRAC_PI_2.sqrt()).max(MIN_KEYPOINT_SIGMA_PX)
+}
+
+/// `σ² (Σ JᵀJ)⁻¹` over the sightings of a point, cameras taken as exact. `None` for points that
+/// are not finite, that no two images see, or whose rays do not determine them.
+fn point_covariance(model: &SparseModel, id: PointId, sigma_px: f64) -> Option<Matrix3<f32>> {
+    let point = &model.points[&id];
+    let (mut information, mut nearest, mut num_views) = (Matrix3::zeros(), f64::INFINITY, 0);
+    for observation in &point.track {
+        let image = model.images.get(&observation.image)?;
+        let in_cam = image.cam_from_world * point.position;
+        let camera = model.cameras.get(&image.camera)?;
+        let Some(projection) = camera.project_with_jacobians(&in_cam) else { continue };
+        let jacobian =
+            projection.d_point * image.cam_from_world.rotation.to_rotation_matrix().into_inner();
+        information += jacobian.tr_mul(&jacobian);
+        nearest = nearest.min(in_cam.coords.norm());
+        num_views += 1;
+    }
+    let covariance = information.cholesky()?.inverse() * (sigma_px * sigma_px);
+    let is_usable = num_views >= 2
+        && point.position.iter().all(|v| v.is_finite())
+        && covariance.iter().all(|v| v.is_finite())
+        && covariance.trace().sqrt() < MAX_RELATIVE_SIGMA * nearest;
+    is_usable.then(|| covariance.map(|v| v as f32))
 }

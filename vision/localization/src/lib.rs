@@ -3,8 +3,14 @@
 pub mod index;
 pub mod localize;
 
-pub use index::LocalizationIndex;
+mod acceptance;
+mod bytes;
+mod correspondences;
+mod guided;
+mod solve;
+
+pub use index::{IndexError, LocalizationIndex};
 pub use localize::{
     LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate, Status,
-    StepTimings, localize,
+    StepTimings, localize, localize_features,
 };

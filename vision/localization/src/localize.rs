@@ -1,10 +1,13 @@
 //! The pose of an image by features and PnP, or the reason why there is none.
 
 use nalgebra::{Isometry3, Matrix6, Point3};
+use volery_features::{PackedDescriptors, SiftOptions, detect_and_describe, global_descriptor};
 use volery_geometry::Camera;
-use volery_scene::GrayImage;
+use volery_scene::{Features, GrayImage};
 
 use crate::LocalizationIndex;
+use crate::correspondences::{ImageMatches, match_images, pool, rank_images, sort_by_matches};
+use crate::solve::PoseSolver;
 
 /// What is known before.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -109,8 +112,23 @@ pub struct LocalizationAnswer {
     pub num_correspondences: usize,
 }
 
+/// Fewest features of an image that is worth matching.
+const MIN_FEATURES: usize = 30;
+/// Map descriptors that are compared before a first pose is tried; small maps are compared whole.
+const FIRST_DESCRIPTORS: usize = 30_000;
+/// Map descriptors that are compared at most.
+const MAX_DESCRIPTORS: usize = 150_000;
+/// Best matched map images whose matches are pooled.
+const NUM_POOLED: usize = 12;
+
 /// The pose of `image` in the map of `index` (P60, P61). Deterministic. `clock` gives seconds
 /// from any start, for the timings.
+///
+/// Features are matched to those of the most similar map images, image by image; P3P in LO-RANSAC
+/// over the pooled matches gives a pose; the map points that it brings into view are looked for
+/// where they should appear, and the pose is refined over all that are found. It is believed only
+/// if its support is large, spread, a fair part of what should be seen, and certain, and if no
+/// other pose has comparable support.
 pub fn localize(
     image: &GrayImage,
     camera: &Camera,
@@ -119,6 +137,78 @@ pub fn localize(
     options: &LocalizeOptions,
     clock: &dyn Fn() -> f64,
 ) -> (LocalizationAnswer, StepTimings) {
-    let _ = (image, camera, index, prior, options, clock);
-    todo!()
+    let start = clock();
+    let sift = SiftOptions { max_features: options.max_features, ..SiftOptions::default() };
+    let features = detect_and_describe(image, &sift);
+    let extracted = clock();
+    let mut timings =
+        StepTimings { features_ms: (extracted - start) * 1e3, ..StepTimings::default() };
+    let answer = localize_features(&features, camera, index, prior, options, clock, &mut timings);
+    (answer, timings)
+}
+
+/// As [`localize`], for features that are at hand; adds to `timings`.
+pub fn localize_features(
+    features: &Features,
+    camera: &Camera,
+    index: &LocalizationIndex,
+    prior: &LocalizationPrior,
+    options: &LocalizeOptions,
+    clock: &dyn Fn() -> f64,
+    timings: &mut StepTimings,
+) -> LocalizationAnswer {
+    let mut answer = LocalizationAnswer {
+        status: Status::NotFound(NotFoundReason::TooFewFeatures),
+        num_features: features.len(),
+        num_correspondences: 0,
+    };
+    if features.len() < MIN_FEATURES {
+        return answer;
+    }
+    let started = clock();
+    let packed = PackedDescriptors::new(&features.descriptors);
+    let ranked = rank_images(index, &global_descriptor(features), prior);
+    let solver = PoseSolver::new(index, features, camera, options.seed);
+    timings.match_ms += (clock() - started) * 1e3;
+
+    answer.status = Status::NotFound(NotFoundReason::TooFewMatches);
+    let mut matches: Vec<ImageMatches> = Vec::new();
+    let budgets = [(options.num_retrieved, FIRST_DESCRIPTORS), (usize::MAX, MAX_DESCRIPTORS)];
+    for (min_images, max_descriptors) in budgets {
+        let next = next_images(index, &ranked, matches.len(), min_images, max_descriptors);
+        if next.is_empty() {
+            break;
+        }
+        let started = clock();
+        matches.extend(match_images(&packed, index, next));
+        sort_by_matches(&mut matches);
+        let pairs = pool(matches.iter().take(NUM_POOLED));
+        let matched = clock();
+        answer.num_correspondences = pairs.len();
+        answer.status = solver.solve(&pairs, prior);
+        timings.match_ms += (matched - started) * 1e3;
+        timings.solve_ms += (clock() - matched) * 1e3;
+        if !matches!(answer.status, Status::NotFound(_)) {
+            break;
+        }
+    }
+    answer
+}
+
+/// The images to compare after the first `num_done` of `ranked`: at least up to `min_images`, then
+/// as many as keep the total of descriptors within `max_descriptors`.
+fn next_images<'a>(
+    index: &LocalizationIndex,
+    ranked: &'a [u32],
+    num_done: usize,
+    min_images: usize,
+    max_descriptors: usize,
+) -> &'a [u32] {
+    let mut total = 0;
+    let end = ranked.iter().enumerate().position(|(rank, &image)| {
+        total += index.images[image as usize].descriptors.len();
+        total > max_descriptors && (min_images == usize::MAX || rank >= min_images)
+    });
+    let end = end.unwrap_or(ranked.len());
+    &ranked[num_done.min(end)..end]
 }

@@ -1,0 +1,209 @@
+//! From pairs of keypoints and points to a pose that is believed.
+
+use nalgebra::{Isometry3, Point2, Point3};
+use volery_estimation::absolute_pose::{RefinedPose, refine_absolute_pose};
+use volery_estimation::{AbsolutePoseOptions, estimate_absolute_pose};
+use volery_geometry::Camera;
+use volery_scene::Features;
+
+use crate::LocalizationIndex;
+use crate::acceptance::{Evidence, MIN_INLIERS, covariance_in_map, judge};
+use crate::correspondences::Pair;
+use crate::guided::{KeypointGrid, match_projected};
+use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
+
+/// Inlier threshold of the first pose, of an image 640 pixels wide.
+const MAX_ERROR_PX: f64 = 6.0;
+/// Radii of the windows in which projected points are looked for, and inlier thresholds of the
+/// refinements that follow, of an image 640 pixels wide.
+const GUIDED_RADII_PX: [f64; 2] = [10.0, 4.0];
+/// Fewest inliers of a first pose: enough to say where to look for more.
+const MIN_FIRST_INLIERS: usize = 8;
+const MAX_ITERATIONS: usize = 20_000;
+/// A rival with this part of the best pose's support makes the answer ambiguous.
+const RIVAL_SUPPORT: f64 = 0.5;
+/// Hypotheses drawn in search of a rival.
+const MAX_RIVAL_ITERATIONS: usize = 2_000;
+/// Poses are the same place within this part of the median depth, and this angle.
+const SAME_PLACE: f64 = 0.1;
+const SAME_ROTATION_DEG: f64 = 5.0;
+
+pub(crate) struct PoseSolver<'a> {
+    index: &'a LocalizationIndex,
+    features: &'a Features,
+    camera: &'a Camera,
+    grid: KeypointGrid,
+    /// Thresholds are for images 640 pixels wide; larger images get larger ones.
+    pixel_scale: f64,
+    seed: u64,
+}
+
+/// A pose with all that speaks for it.
+struct Candidate {
+    cam_from_world: Isometry3<f64>,
+    /// Pairs that agree with it.
+    inliers: Vec<Pair>,
+    median_depth: f64,
+    estimate: PoseEstimate,
+    verdict: Result<(), NotFoundReason>,
+}
+
+impl<'a> PoseSolver<'a> {
+    pub(crate) fn new(
+        index: &'a LocalizationIndex,
+        features: &'a Features,
+        camera: &'a Camera,
+        seed: u64,
+    ) -> Self {
+        let grid = KeypointGrid::new(features, camera);
+        let pixel_scale = (f64::from(camera.width.max(camera.height)) / 640.0).max(1.0);
+        Self { index, features, camera, grid, pixel_scale, seed }
+    }
+
+    /// The pose that `pairs` speak for.
+    pub(crate) fn solve(&self, pairs: &[Pair], prior: &LocalizationPrior) -> Status {
+        if pairs.len() < MIN_FIRST_INLIERS {
+            return Status::NotFound(NotFoundReason::TooFewMatches);
+        }
+        let Some(best) = self.candidate(pairs, MIN_FIRST_INLIERS, MAX_ITERATIONS) else {
+            return Status::NotFound(NotFoundReason::TooFewInliers);
+        };
+        if let Err(reason) = best.verdict {
+            return Status::NotFound(reason);
+        }
+        if contradicts(&best.estimate, prior) {
+            return Status::Ambiguous(vec![best.estimate]);
+        }
+        match self.rival(pairs, &best) {
+            Some(rival) => {
+                let mut poses = vec![best.estimate, rival.estimate];
+                poses.sort_by_key(|pose| std::cmp::Reverse(pose.num_inliers));
+                Status::Ambiguous(poses)
+            }
+            None => Status::Ok(best.estimate),
+        }
+    }
+
+    /// The best supported pose elsewhere, if its support compares to that of `best`.
+    fn rival(&self, pairs: &[Pair], best: &Candidate) -> Option<Candidate> {
+        let far = 4.0 * MAX_ERROR_PX * self.pixel_scale;
+        let others: Vec<Pair> = pairs
+            .iter()
+            .copied()
+            .filter(|pair| {
+                let pixel = self.camera.project(&(best.cam_from_world * self.position(pair)));
+                pixel.is_none_or(|pixel| (pixel - self.pixel(pair)).norm() > far)
+            })
+            .collect();
+        let rival = self.candidate(&others, MIN_FIRST_INLIERS, MAX_RIVAL_ITERATIONS)?;
+        let distance = (rival.estimate.map_from_camera.translation.vector
+            - best.estimate.map_from_camera.translation.vector)
+            .norm();
+        let angle = rival.cam_from_world.rotation.angle_to(&best.cam_from_world.rotation);
+        let elsewhere =
+            distance > SAME_PLACE * best.median_depth || angle > SAME_ROTATION_DEG.to_radians();
+        let comparable = rival.inliers.len() as f64 >= RIVAL_SUPPORT * best.inliers.len() as f64;
+        (elsewhere && comparable && rival.verdict.is_ok()).then_some(rival)
+    }
+
+    fn pixel(&self, pair: &Pair) -> Point2<f64> {
+        self.features.keypoints[pair.keypoint as usize].pixel()
+    }
+
+    fn position(&self, pair: &Pair) -> Point3<f64> {
+        self.index.points[pair.point as usize].position
+    }
+
+    fn split(&self, pairs: &[Pair]) -> (Vec<Point2<f64>>, Vec<Point3<f64>>) {
+        pairs.iter().map(|pair| (self.pixel(pair), self.position(pair))).unzip()
+    }
+
+    /// RANSAC, then twice: look for what the pose brings into view, refine over what is found.
+    fn candidate(
+        &self,
+        pairs: &[Pair],
+        min_inliers: usize,
+        max_iterations: usize,
+    ) -> Option<Candidate> {
+        let options = AbsolutePoseOptions {
+            max_error_px: MAX_ERROR_PX * self.pixel_scale,
+            min_inliers,
+            max_iterations,
+            ..AbsolutePoseOptions::default()
+        };
+        let (pixels, points) = self.split(pairs);
+        let first =
+            estimate_absolute_pose(&pixels, &points, self.camera, &options, self.seed).ok()?;
+        let mut pose = first.cam_from_world;
+        let mut inliers = kept(pairs, &first.inliers);
+        let mut refined: Option<(RefinedPose, usize, usize)> = None;
+        for radius in GUIDED_RADII_PX {
+            let radius = radius * self.pixel_scale;
+            let sighted = match_projected(
+                self.index,
+                self.features,
+                &self.grid,
+                self.camera,
+                &pose,
+                &inliers,
+                radius,
+            );
+            let (pixels, points) = self.split(&sighted.pairs);
+            let better = refine_absolute_pose(&pixels, &points, self.camera, &pose, radius)?;
+            pose = better.cam_from_world;
+            inliers = kept(&sighted.pairs, &better.inliers);
+            refined = Some((better, sighted.pairs.len(), sighted.num_visible));
+        }
+        let (refined, num_pairs, num_visible) = refined?;
+        let covariance = covariance_in_map(&pose, &refined.covariance);
+        let median_depth = self.median_depth(&pose, &inliers);
+        let (pixels, _) = self.split(&inliers);
+        let evidence =
+            Evidence { inliers: &pixels, num_visible, median_depth, covariance: &covariance };
+        Some(Candidate {
+            cam_from_world: pose,
+            median_depth,
+            verdict: judge(&evidence, self.camera),
+            estimate: PoseEstimate {
+                map_from_camera: pose.inverse(),
+                covariance,
+                num_inliers: inliers.len(),
+                inlier_ratio: inliers.len() as f64 / num_pairs.max(1) as f64,
+                reprojection_px: refined.rms_px,
+            },
+            inliers,
+        })
+    }
+
+    fn median_depth(&self, pose: &Isometry3<f64>, inliers: &[Pair]) -> f64 {
+        let mut depths: Vec<f64> =
+            inliers.iter().map(|pair| (pose * self.position(pair)).z).collect();
+        depths.sort_by(f64::total_cmp);
+        depths.get(depths.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
+fn kept(pairs: &[Pair], inliers: &[bool]) -> Vec<Pair> {
+    pairs.iter().zip(inliers).filter(|(_, inlier)| **inlier).map(|(pair, _)| *pair).collect()
+}
+
+/// Standard deviations beyond which a pose contradicts what is known before.
+const MAX_PRIOR_SIGMAS: f64 = 6.0;
+
+fn contradicts(estimate: &PoseEstimate, prior: &LocalizationPrior) -> bool {
+    let position = prior.position.is_some_and(|(position, sigma)| {
+        let error = (Point3::from(estimate.map_from_camera.translation.vector) - position).norm();
+        error > MAX_PRIOR_SIGMAS * sigma
+    });
+    let yaw = prior.yaw.is_some_and(|(yaw, sigma)| {
+        let forward = estimate.map_from_camera.rotation * nalgebra::Vector3::z();
+        // Looking up or down, a camera has no heading.
+        let is_level = forward.xy().norm() > 0.3;
+        let turn = forward.y.atan2(forward.x) - yaw;
+        let error = turn.sin().atan2(turn.cos()).abs();
+        is_level && error > MAX_PRIOR_SIGMAS * sigma
+    });
+    position || yaw
+}
+
+const _: () = assert!(MIN_FIRST_INLIERS < MIN_INLIERS);
