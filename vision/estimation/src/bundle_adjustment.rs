@@ -5,6 +5,7 @@ mod layout;
 mod lens;
 mod linearize;
 mod minimize;
+mod point_chart;
 mod priors;
 mod residuals;
 mod schur;
@@ -161,9 +162,32 @@ pub fn adjust_bundle(
     options: &BundleOptions,
     progress: &dyn Progress,
 ) -> Result<BundleReport, BundleError> {
+    adjust(problem, options, None, progress)
+}
+
+/// [`adjust_bundle`] with rotations that were estimated before: each pose is drawn towards the
+/// rotation it comes with, `rotation_sigma` radians.
+pub fn adjust_bundle_near_rotations(
+    problem: &mut BundleProblem,
+    options: &BundleOptions,
+    rotation_sigma: f64,
+    progress: &dyn Progress,
+) -> Result<BundleReport, BundleError> {
+    if !(rotation_sigma.is_finite() && rotation_sigma > 0.0) {
+        return Err(BundleError::NotFinite);
+    }
+    adjust(problem, options, Some(rotation_sigma), progress)
+}
+
+fn adjust(
+    problem: &mut BundleProblem,
+    options: &BundleOptions,
+    rotation_sigma: Option<f64>,
+    progress: &dyn Progress,
+) -> Result<BundleReport, BundleError> {
     problem.check()?;
-    let mut minimizer =
-        Minimizer::new(problem, options, Isa::detect()).ok_or(BundleError::OutOfMemory)?;
+    let mut minimizer = Minimizer::new(problem, options, rotation_sigma, Isa::detect())
+        .ok_or(BundleError::OutOfMemory)?;
     let result = minimizer.run(options, progress);
     let (state, layout) = minimizer.finish();
     state.store(problem, &layout);

@@ -14,5 +14,6 @@ pub use absolute_pose::{
 };
 pub use bundle_adjustment::{
     BundleError, BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, adjust_bundle,
+    adjust_bundle_near_rotations,
 };
 pub use two_view::{TwoViewOptions, estimate_two_view_geometry};

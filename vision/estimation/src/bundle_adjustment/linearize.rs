@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use super::layout::{LANES, Layout, NONE, POSE_DIM};
 use super::lens::{ParamJacobian, fma};
+use super::point_chart::PointChart;
 use super::state::State;
 
 /// Diagonal entries of a point below this part of the greatest are damped as if they had it.
@@ -111,6 +112,7 @@ pub(super) fn linearize_chunk<const FMA: bool>(
         factors.fill(Factor::default());
         let blocks = &layout.factor_blocks[of_point];
 
+        let chart = PointChart::new(pass, point);
         let mut v = [0.0; 6];
         let mut gradient = [0.0; 3];
         let mut cursor = 0;
@@ -118,7 +120,7 @@ pub(super) fn linearize_chunk<const FMA: bool>(
             add_observation::<FMA>(
                 pass,
                 observation,
-                &pass.state.points[point],
+                (&pass.state.points[point], &chart),
                 (blocks, &mut *factors, &mut cursor),
                 (&mut v, &mut gradient),
                 sums,
@@ -140,7 +142,7 @@ pub(super) fn linearize_chunk<const FMA: bool>(
 fn add_observation<const FMA: bool>(
     pass: &Pass<'_>,
     observation: usize,
-    point: &[f64; 3],
+    (point, chart): (&[f64; 3], &PointChart),
     (blocks, factors, cursor): (&[u32], &mut [Factor], &mut usize),
     (v, gradient): (&mut [f64; 6], &mut [f64; 3]),
     sums: &mut Sums,
@@ -171,14 +173,15 @@ fn add_observation<const FMA: bool>(
         }
     }
 
-    // d pixel / d point in the world.
-    let j_x: [[f64; 3]; 2] = std::array::from_fn(|axis| {
+    // d pixel / d point, in the world and then in the chart of the point.
+    let j_world: [[f64; 3]; 2] = std::array::from_fn(|axis| {
         std::array::from_fn(|k| {
             let z = a[axis][2] * pose.rotation[2][k];
             let y = fma::<FMA>(a[axis][1], pose.rotation[1][k], z);
             fma::<FMA>(a[axis][0], pose.rotation[0][k], y)
         })
     });
+    let j_x = j_world.map(|row| chart.pull_back::<FMA>(&row));
     *v = [
         fma::<FMA>(j_x[0][0], j_x[0][0], fma::<FMA>(j_x[1][0], j_x[1][0], v[0])),
         fma::<FMA>(j_x[0][1], j_x[0][0], fma::<FMA>(j_x[1][1], j_x[1][0], v[1])),
@@ -357,8 +360,12 @@ pub(super) fn step_points<const FMA: bool>(
         let d1 = (-s1 - l21 * d2) * l11;
         let d0 = (-s0 - l10 * d1 - l20 * d2) * l00;
         let delta = [d0, d1, d2];
+        *moved = if pass.free_points[point] {
+            PointChart::new(pass, point).retract(&delta)
+        } else {
+            pass.state.points[point]
+        };
         for k in 0..3 {
-            moved[k] = pass.state.points[point][k] + delta[k];
             predicted +=
                 0.5 * delta[k] * (pass.damping * terms.diagonal[k] * delta[k] - terms.gradient[k]);
         }

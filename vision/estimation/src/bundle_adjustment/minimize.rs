@@ -30,6 +30,8 @@ const NEGLIGIBLE_COST: f64 = 1e-22;
 /// Everything an adjustment holds; nothing is allocated between iterations.
 pub(super) struct Minimizer<'a> {
     problem: &'a BundleProblem,
+    /// Of the priors towards the rotations of the problem, radians.
+    rotation_sigma: Option<f64>,
     layout: Layout,
     isa: Isa,
     loss_scale_inv2: f64,
@@ -51,6 +53,7 @@ impl<'a> Minimizer<'a> {
     pub(super) fn new(
         problem: &'a BundleProblem,
         options: &BundleOptions,
+        rotation_sigma: Option<f64>,
         isa: Isa,
     ) -> Option<Self> {
         let layout = Layout::new(problem);
@@ -58,6 +61,7 @@ impl<'a> Minimizer<'a> {
         let pattern = Pattern::new(&layout);
         Some(Self {
             problem,
+            rotation_sigma,
             isa,
             loss_scale_inv2: options.loss_scale_px.map_or(0.0, |c| 1.0 / (c * c)),
             free_points: layout.point_ids.iter().map(|&p| !problem.is_constant_point(p)).collect(),
@@ -154,7 +158,7 @@ impl<'a> Minimizer<'a> {
         } else {
             costs.par_iter_mut().zip(chunks).for_each(|(cost, chunk)| *cost = of_chunk(chunk));
         }
-        costs.iter().sum::<f64>() + priors_cost(self.problem, state)
+        costs.iter().sum::<f64>() + priors_cost(self.problem, self.rotation_sigma, state)
     }
 
     fn pass(&self, damping: f64) -> Pass<'_> {
@@ -194,7 +198,8 @@ impl<'a> Minimizer<'a> {
         for chunk in &self.chunk_sums {
             self.sums.add(chunk);
         }
-        add_priors(self.problem, &self.layout, &self.state, &mut self.sums);
+        let priors = (self.problem, self.rotation_sigma);
+        add_priors(priors, &self.layout, &self.state, &mut self.sums);
         self.pattern.reduce(
             isa,
             &self.layout,

@@ -1,4 +1,4 @@
-//! Priors on positions, gravity and focal lengths.
+//! Priors on positions, rotations, gravity and focal lengths.
 
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Vector3};
 
@@ -31,9 +31,22 @@ fn gravity_prior(cam_from_world: &Isometry3<f64>, up: &Vector3<f64>, sigma: f64)
     PosePrior { residual: (predicted - up) / sigma, jacobian }
 }
 
+/// `log(R R₀ᵀ) / σ`; the left perturbation moves it by ω, to first order.
+fn rotation_prior(
+    cam_from_world: &Isometry3<f64>,
+    first: &Isometry3<f64>,
+    sigma: f64,
+) -> PosePrior {
+    let turned = cam_from_world.rotation * first.rotation.inverse();
+    let mut jacobian = Matrix3x6::zeros();
+    jacobian.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / sigma);
+    PosePrior { residual: turned.scaled_axis() / sigma, jacobian }
+}
+
 /// All priors of pose `index`.
 fn pose_priors(
     problem: &BundleProblem,
+    rotation_sigma: Option<f64>,
     state: &State,
     index: usize,
 ) -> impl Iterator<Item = PosePrior> {
@@ -42,7 +55,9 @@ fn pose_priors(
         .position_prior
         .map(|(center, sigma)| position_prior(cam_from_world, &center.coords, sigma));
     let gravity = pose.gravity_prior.map(|(up, sigma)| gravity_prior(cam_from_world, &up, sigma));
-    position.into_iter().chain(gravity)
+    let rotation =
+        rotation_sigma.map(|sigma| rotation_prior(cam_from_world, &pose.cam_from_world, sigma));
+    position.into_iter().chain(gravity).chain(rotation)
 }
 
 /// Focal residuals of camera `index`: (parameter, residual, derivative).
@@ -59,9 +74,13 @@ fn focal_priors(
 }
 
 /// `½ Σ ‖r‖²` of the priors.
-pub(super) fn priors_cost(problem: &BundleProblem, state: &State) -> f64 {
+pub(super) fn priors_cost(
+    problem: &BundleProblem,
+    rotation_sigma: Option<f64>,
+    state: &State,
+) -> f64 {
     let poses: f64 = (0..problem.poses.len())
-        .flat_map(|index| pose_priors(problem, state, index))
+        .flat_map(|index| pose_priors(problem, rotation_sigma, state, index))
         .map(|prior| prior.residual.norm_squared())
         .sum();
     let focals: f64 = (0..problem.cameras.len())
@@ -72,13 +91,18 @@ pub(super) fn priors_cost(problem: &BundleProblem, state: &State) -> f64 {
 }
 
 /// Adds the priors to the normal equations.
-pub(super) fn add_priors(problem: &BundleProblem, layout: &Layout, state: &State, sums: &mut Sums) {
+pub(super) fn add_priors(
+    (problem, rotation_sigma): (&BundleProblem, Option<f64>),
+    layout: &Layout,
+    state: &State,
+    sums: &mut Sums,
+) {
     for (index, &block) in layout.pose_blocks.iter().enumerate() {
         if block == NONE {
             continue;
         }
         let terms = &mut sums.blocks[block as usize];
-        for prior in pose_priors(problem, state, index) {
+        for prior in pose_priors(problem, rotation_sigma, state, index) {
             let hessian = prior.jacobian.tr_mul(&prior.jacobian);
             let gradient = prior.jacobian.tr_mul(&prior.residual);
             for row in 0..6 {

@@ -12,6 +12,8 @@ use super::lens::Lens;
 pub(super) struct PoseRows {
     pub(super) rotation: [[f64; 3]; 3],
     pub(super) translation: [f64; 3],
+    /// Camera center in the world.
+    pub(super) center: [f64; 3],
     pub(super) camera: u32,
 }
 
@@ -24,6 +26,7 @@ impl PoseRows {
                 std::array::from_fn(|column| matrix[(row, column)])
             }),
             translation: [t.x, t.y, t.z],
+            center: (-matrix.tr_mul(t)).into(),
             camera,
         }
     }

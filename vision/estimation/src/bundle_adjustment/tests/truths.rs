@@ -175,7 +175,7 @@ fn portable_passes_agree() {
     let options = BundleOptions { max_iterations: 4, ..BundleOptions::default() };
     let run = |isa: Isa| {
         let problem = long_strip();
-        let mut minimizer = Minimizer::new(&problem, &options, isa).unwrap();
+        let mut minimizer = Minimizer::new(&problem, &options, None, isa).unwrap();
         minimizer.run(&options, &NoProgress).unwrap()
     };
     let (fast, plain) = (run(Isa::detect()), run(Isa::PORTABLE));
@@ -190,7 +190,7 @@ fn sparse_and_dense_systems_agree() {
     let report = adjust(&mut sparse, &options);
     let mut dense = long_strip();
     let problem = dense.clone();
-    let mut minimizer = Minimizer::new(&problem, &options, Isa::detect()).unwrap();
+    let mut minimizer = Minimizer::new(&problem, &options, None, Isa::detect()).unwrap();
     assert!(minimizer.make_dense(), "covisibility of 9 in 60 is sparse");
     let dense_report = minimizer.run(&options, &NoProgress).unwrap();
     let (state, layout) = minimizer.finish();
