@@ -117,11 +117,7 @@ struct Reduced {
 }
 
 fn huber(norm: f64) -> f64 {
-    if norm <= HUBER_SCALE {
-        0.5 * norm * norm
-    } else {
-        HUBER_SCALE * (norm - 0.5 * HUBER_SCALE)
-    }
+    if norm <= HUBER_SCALE { 0.5 * norm * norm } else { HUBER_SCALE * (norm - 0.5 * HUBER_SCALE) }
 }
 
 impl<'a> Solver<'a> {
@@ -164,8 +160,7 @@ impl<'a> Solver<'a> {
     fn reduce(&self, index: usize, damping: f64) -> (Reduced, Vector3<f64>, f64, f64) {
         let o = &self.observations[index];
         let d = self.values.inverse_depths[index];
-        let b =
-            self.values.positions.points[o.point] - self.values.positions.centers[o.image];
+        let b = self.values.positions.points[o.point] - self.values.positions.centers[o.image];
         let r = o.ray_in_world.into_inner() - b * d;
         let norm = r.norm();
         let weight = if norm <= HUBER_SCALE { 1.0 } else { HUBER_SCALE / norm };
@@ -260,8 +255,7 @@ fn add_block(s: &mut [f64], n: usize, row: usize, column: usize, block: &Matrix3
 
 /// Solves `S x = right` in place from the lower triangle of S.
 fn solve_dense(s: &mut [f64], right: &mut [f64], n: usize) -> bool {
-    let request =
-        llt::factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
+    let request = llt::factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
     let Ok(mut memory) = MemBuffer::try_new(request) else { return false };
     let stack = MemStack::new(&mut memory);
     let mut s = MatMut::from_column_major_slice_mut(s, n, n);

@@ -158,8 +158,10 @@ fn make_upright(
     if mean.norm() < 1e-9 {
         return;
     }
-    let upright_from_world = UnitQuaternion::rotation_between(&mean, &Vector3::z())
-        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    let upright_from_world =
+        UnitQuaternion::rotation_between(&mean, &Vector3::z()).unwrap_or_else(|| {
+            UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+        });
     for rotation in rotations.iter_mut().flatten() {
         *rotation *= upright_from_world.inverse();
     }
@@ -181,8 +183,7 @@ fn refine(
     let ends: Vec<(usize, usize)> =
         edges.iter().map(|edge| (node_of[edge.i], node_of[edge.j])).collect();
     let Some(mut laplacian) = GraphLaplacian::new(images.len(), &ends) else { return };
-    let mean_weight =
-        edges.iter().map(|edge| edge.weight).sum::<f64>() / edges.len().max(1) as f64;
+    let mean_weight = edges.iter().map(|edge| edge.weight).sum::<f64>() / edges.len().max(1) as f64;
 
     let ups: Vec<(usize, Vector3<f64>, f64)> = images
         .iter()

@@ -1,9 +1,13 @@
 //! From rotations to first positions: several starts, the best one kept.
 
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
+use volery_estimation::bundle_adjustment::{BundleCamera, BundleObservation, BundlePose};
+use volery_estimation::{
+    BundleError, BundleOptions, BundleProblem, IntrinsicsRefinement, adjust_bundle_near_rotations,
+};
 use volery_scene::{Cancelled, Progress};
 
-use super::positioning::{Positions, PositioningOptions, RayObservation, position_globally};
+use super::positioning::{PositioningOptions, Positions, RayObservation, position_globally};
 use crate::incremental::WorkingModel;
 
 /// Random starts beside the one from a sphere of points.
@@ -12,6 +16,10 @@ const NUM_RANDOM_STARTS: u64 = 2;
 const MAX_SIGHTINGS: usize = 400;
 /// Views of a track that positioning uses.
 const MIN_VIEWS: usize = 3;
+/// Losses of the adjustments of a start, pixels.
+const START_LOSSES_PX: [f64; 2] = [10.0, 2.0];
+/// What averaging leaves of a rotation error, radians.
+const ROTATION_SIGMA: f64 = 0.15 * std::f64::consts::PI / 180.0;
 /// Shift of the centers of a start on a sphere, relative to its radius.
 const SPHERE_CENTER_SPREAD: f64 = 1e-2;
 
@@ -27,36 +35,78 @@ impl WorkingModel<'_> {
         if observations.is_empty() {
             return Ok(false);
         }
-        let mut best: Option<(f64, Positions)> = None;
+        let mut best: Option<(f64, BundleProblem)> = None;
         for start in 0..=NUM_RANDOM_STARTS {
             progress.check()?;
-            let mut positions = match start {
+            let positions = match start {
                 0 => sphere(rotations.len(), tracks.len(), &observations),
-                seed => scattered(
-                    rotations.len(),
-                    tracks.len(),
-                    self.input.options.seed.wrapping_add(seed),
-                ),
+                seed => {
+                    let seed = self.input.options.seed.wrapping_add(seed);
+                    let mut positions = scattered(rotations.len(), tracks.len(), seed);
+                    position_globally(
+                        &mut positions,
+                        &observations,
+                        &PositioningOptions::default(),
+                    );
+                    positions
+                }
             };
-            let cost =
-                position_globally(&mut positions, &observations, &PositioningOptions::default());
-            #[cfg(test)]
-            println!("  start {start} cost {cost:.3e} obs {}", observations.len());
+            let mut problem = self.bundle_problem(rotations, &tracks, positions);
+            let cost = adjust_start(&mut problem, progress)?;
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, positions));
+                best = Some((cost, problem));
             }
         }
-        let Some((_, positions)) = best else { return Ok(false) };
+        let Some((_, problem)) = best else { return Ok(false) };
+        let mut poses = problem.poses.iter();
         for (image, rotation) in rotations.iter().enumerate() {
-            self.poses[image] = rotation.map(|rotation| {
-                let translation = -(rotation * positions.centers[image].coords);
-                Isometry3::from_parts(Translation3::from(translation), rotation)
-            });
+            self.poses[image] = rotation.and_then(|_| poses.next()).map(|pose| pose.cam_from_world);
         }
-        for (&track, &point) in tracks.iter().zip(&positions.points) {
+        for (&track, &point) in tracks.iter().zip(&problem.points) {
             self.tracks[track].position = Some(point);
         }
         Ok(true)
+    }
+
+    /// All sightings of the tracks by the images with a rotation; intrinsics stay.
+    fn bundle_problem(
+        &self,
+        rotations: &[Option<UnitQuaternion<f64>>],
+        tracks: &[usize],
+        positions: Positions,
+    ) -> BundleProblem {
+        let mut slots = vec![None; rotations.len()];
+        let mut problem = BundleProblem { points: positions.points, ..BundleProblem::default() };
+        problem.cameras.extend(self.cameras.iter().map(|camera| BundleCamera {
+            camera: *camera,
+            refine: IntrinsicsRefinement::FIXED,
+            focal_prior: None,
+        }));
+        for (image, rotation) in rotations.iter().enumerate() {
+            let Some(rotation) = *rotation else { continue };
+            slots[image] = Some(problem.poses.len() as u32);
+            let translation = -(rotation * positions.centers[image].coords);
+            problem.poses.push(BundlePose {
+                cam_from_world: Isometry3::from_parts(translation.into(), rotation),
+                camera: self.camera_index(image) as u32,
+                constant: false,
+                position_prior: None,
+                gravity_prior: None,
+            });
+        }
+        for (point, &track) in tracks.iter().enumerate() {
+            for sighting in &self.tracks[track].sightings {
+                if let Some(pose) = slots[sighting.image as usize] {
+                    let pixel = self.pixel(sighting);
+                    problem.observations.push(BundleObservation {
+                        pose,
+                        point: point as u32,
+                        pixel,
+                    });
+                }
+            }
+        }
+        problem
     }
 
     /// Rays of the longest tracks, enough for every image, sorted by track; and the tracks.
@@ -81,8 +131,7 @@ impl WorkingModel<'_> {
         let mut chosen: Vec<usize> = order
             .into_iter()
             .filter(|&(_, track)| {
-                let is_needed =
-                    views(track).any(|(image, _)| num_sightings[image] < MAX_SIGHTINGS);
+                let is_needed = views(track).any(|(image, _)| num_sightings[image] < MAX_SIGHTINGS);
                 if is_needed {
                     views(track).for_each(|(image, _)| num_sightings[image] += 1);
                 }
@@ -104,6 +153,24 @@ impl WorkingModel<'_> {
             .collect();
         (chosen, observations)
     }
+}
+
+/// Adjusts with a loss that narrows, rotations held near the averaged ones. Returns the cost.
+fn adjust_start(problem: &mut BundleProblem, progress: &dyn Progress) -> Result<f64, Cancelled> {
+    let mut cost = f64::INFINITY;
+    for loss_scale_px in START_LOSSES_PX {
+        let options = BundleOptions {
+            max_iterations: 50,
+            loss_scale_px: Some(loss_scale_px),
+            cost_tolerance: 1e-4,
+        };
+        match adjust_bundle_near_rotations(problem, &options, ROTATION_SIGMA, progress) {
+            Ok(report) => cost = report.final_cost,
+            Err(BundleError::Cancelled(cancelled)) => return Err(cancelled),
+            Err(_) => return Ok(f64::INFINITY),
+        }
+    }
+    Ok(cost)
 }
 
 /// Points at distance 1 along their mean ray, centers near the origin: right for scans in place.

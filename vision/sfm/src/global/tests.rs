@@ -77,11 +77,8 @@ impl Scan {
             truth.push(volery_geometry::triangulation::camera_center(&cam_from_world));
         }
         let truth_from_found = similarity_from_points(&found, &truth).unwrap();
-        let sum: f64 = found
-            .iter()
-            .zip(&truth)
-            .map(|(f, t)| (truth_from_found * f - t).norm_squared())
-            .sum();
+        let sum: f64 =
+            found.iter().zip(&truth).map(|(f, t)| (truth_from_found * f - t).norm_squared()).sum();
         // The frames of scans in place are aligned by the rotations: the centers hardly tell.
         let true_rotation = |id: &ImageId| self.scene.cam_from_world[id.0 as usize].rotation;
         let frames: Vec<_> = model
@@ -122,13 +119,22 @@ fn figures() {
             let scan = scan(motion, seed);
             let start = std::time::Instant::now();
             match scan.map() {
-                None => println!("{name:12} {seed} none pairs {} {:?}", scan.pairs.len(), start.elapsed()),
+                None => println!(
+                    "{name:12} {seed} none pairs {} {:?}",
+                    scan.pairs.len(),
+                    start.elapsed()
+                ),
                 Some(model) => {
                     let (ate, angle) = scan.errors(&model);
                     println!(
                         "{name:12} {seed} {:2}/36 ATE {:.2} cm rot {:.3} deg points {} err {:.2} px pairs {} {:?}",
-                        model.images.len(), 100.0 * ate, angle, model.points.len(),
-                        model.mean_reprojection_error_px().unwrap_or(0.0), scan.pairs.len(), start.elapsed()
+                        model.images.len(),
+                        100.0 * ate,
+                        angle,
+                        model.points.len(),
+                        model.mean_reprojection_error_px().unwrap_or(0.0),
+                        scan.pairs.len(),
+                        start.elapsed()
                     );
                 }
             }
@@ -138,31 +144,76 @@ fn figures() {
 
 #[test]
 fn debug() {
-    for (name, motion) in [("w2", CenterMotion::Wobble { sigma: 0.02 }), ("w3", CenterMotion::Wobble { sigma: 0.03 }), ("w5", CenterMotion::Wobble { sigma: 0.05 }), ("c0.1", CenterMotion::Circle { radius: 0.1 })] {
+    for (name, motion) in [
+        ("w2", CenterMotion::Wobble { sigma: 0.02 }),
+        ("w3", CenterMotion::Wobble { sigma: 0.03 }),
+        ("w5", CenterMotion::Wobble { sigma: 0.05 }),
+        ("c0.1", CenterMotion::Circle { radius: 0.1 }),
+    ] {
         for seed in 0..2 {
             let scan = scan(motion, seed);
-            let kinds: Vec<usize> = [volery_scene::TwoViewKind::General, volery_scene::TwoViewKind::Planar, volery_scene::TwoViewKind::RotationOnly, volery_scene::TwoViewKind::Uncalibrated].iter().map(|k| scan.pairs.iter().filter(|p| p.kind == *k).count()).collect();
+            let kinds: Vec<usize> = [
+                volery_scene::TwoViewKind::General,
+                volery_scene::TwoViewKind::Planar,
+                volery_scene::TwoViewKind::RotationOnly,
+                volery_scene::TwoViewKind::Uncalibrated,
+            ]
+            .iter()
+            .map(|k| scan.pairs.iter().filter(|p| p.kind == *k).count())
+            .collect();
             let (mut bad, mut all) = (0, 0);
             let mut errs: Vec<f64> = Vec::new();
             for p in &scan.pairs {
                 let (i, j) = (p.image1.0 as usize, p.image2.0 as usize);
-                for m in &p.matches { all += 1; bad += usize::from(!scan.scene.is_true_match(i, j, m)); }
-                let truth = scan.scene.cam_from_world[j].rotation * scan.scene.cam_from_world[i].rotation.inverse();
+                for m in &p.matches {
+                    all += 1;
+                    bad += usize::from(!scan.scene.is_true_match(i, j, m));
+                }
+                let truth = scan.scene.cam_from_world[j].rotation
+                    * scan.scene.cam_from_world[i].rotation.inverse();
                 errs.push(p.cam2_from_cam1.unwrap().rotation.angle_to(&truth).to_degrees());
             }
             errs.sort_by(f64::total_cmp);
-            println!("== {name} {seed} kinds G/P/R/U {kinds:?} bad {bad}/{all} pair rot err median {:.3} p90 {:.3} max {:.3}", errs[errs.len()/2], errs[errs.len()*9/10], errs[errs.len()-1]);
+            println!(
+                "CASE {name} {seed} kinds G/P/R/U {kinds:?} bad {bad}/{all} pair rot err median {:.3} p90 {:.3} max {:.3}",
+                errs[errs.len() / 2],
+                errs[errs.len() * 9 / 10],
+                errs[errs.len() - 1]
+            );
             let options = MapperOptions { min_angle: super::MIN_ANGLE, ..MapperOptions::default() };
-            let input = crate::incremental::Input { images: &scan.images, cameras: &scan.cameras, pairs: &scan.pairs, options: &options };
+            let input = crate::incremental::Input {
+                images: &scan.images,
+                cameras: &scan.cameras,
+                pairs: &scan.pairs,
+                options: &options,
+            };
             let tracks = crate::tracks::build_tracks(&scan.images, &scan.pairs);
-            let make = || crate::incremental::WorkingModel::new(input, vec![scan.scene.camera], &tracks, vec![true; 36]);
+            let make = || {
+                crate::incremental::WorkingModel::new(
+                    input,
+                    vec![scan.scene.camera],
+                    &tracks,
+                    vec![true; 36],
+                )
+            };
             let report = |what: &str, model: &crate::incremental::WorkingModel<'_>| {
                 let sparse = model.to_sparse();
                 let (ate, angle) = scan.errors(&sparse);
-                println!("  {what:10} images {} ATE {:.2} cm rot {:.3} points {} err {:.3} obs {} parallax/noise {:.1}", sparse.images.len(), 100.0*ate, angle, sparse.points.len(), sparse.mean_reprojection_error_px().unwrap_or(0.0), sparse.num_observations(), super::parallax::parallax_to_noise(model).unwrap_or(0.0));
+                println!(
+                    "  {what:10} images {} ATE {:.2} cm rot {:.3} points {} err {:.3} obs {} parallax/noise {:.1}",
+                    sparse.images.len(),
+                    100.0 * ate,
+                    angle,
+                    sparse.points.len(),
+                    sparse.mean_reprojection_error_px().unwrap_or(0.0),
+                    sparse.num_observations(),
+                    super::parallax::parallax_to_noise(model).unwrap_or(0.0)
+                );
             };
             let mut truth = make();
-            for i in 0..36 { truth.poses[i] = Some(scan.scene.cam_from_world[i]); }
+            for i in 0..36 {
+                truth.poses[i] = Some(scan.scene.cam_from_world[i]);
+            }
             truth.update_tracks();
             report("truth", &truth);
             truth.finish(&NoProgress).unwrap();
@@ -174,7 +225,16 @@ fn debug() {
             for (loss, limit) in super::COARSE {
                 model.activate_within(limit * 4.0);
                 report("activated", &model);
-                model.adjust_all(&volery_estimation::BundleOptions { max_iterations: 30, loss_scale_px: Some(loss), cost_tolerance: 1e-4 }, &NoProgress).unwrap();
+                model
+                    .adjust_all(
+                        &volery_estimation::BundleOptions {
+                            max_iterations: 30,
+                            loss_scale_px: Some(loss),
+                            cost_tolerance: 1e-4,
+                        },
+                        &NoProgress,
+                    )
+                    .unwrap();
                 report("coarse", &model);
             }
             model.activate_within(4.0);
