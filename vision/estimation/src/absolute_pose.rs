@@ -136,3 +136,6 @@ fn check(pixels: &[Point2<f64>], points: &[Point3<f64>]) -> Result<usize, Absolu
         && points[..total].iter().all(|p| p.coords.iter().all(|v| v.is_finite()));
     if finite { Ok(total) } else { Err(AbsolutePoseError::NotFinite) }
 }
+
+#[cfg(test)]
+mod tests;

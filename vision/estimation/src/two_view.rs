@@ -47,12 +47,7 @@ pub fn estimate_two_view_geometry(
     options: &TwoViewOptions,
     seed: u64,
 ) -> Option<TwoViewGeometry> {
-    let verification = Verification::new(
-        (camera1, pixels1),
-        (camera2, pixels2),
-        matches,
-        options,
-    )?;
+    let verification = Verification::new((camera1, pixels1), (camera2, pixels2), matches, options)?;
     let mut geometry = if options.calibrated {
         verification.calibrated(seed)?
     } else {

@@ -34,8 +34,7 @@ pub fn poses_from_homography(homography: &Matrix3<f64>) -> Option<[PlanarMotion;
     if s1 - s3 < 1e-12 {
         return None;
     }
-    let (v1, v2, v3) =
-        (v_t.row(0).transpose(), v_t.row(1).transpose(), v_t.row(2).transpose());
+    let (v1, v2, v3) = (v_t.row(0).transpose(), v_t.row(1).transpose(), v_t.row(2).transpose());
     let (a, b) = ((1.0 - s3).max(0.0).sqrt(), (s1 - 1.0).max(0.0).sqrt());
     let root = (s1 - s3).sqrt();
     let motion = |u: Vector3<f64>| {

@@ -92,7 +92,9 @@ pub fn refine_absolute_pose(
     let errors = squared_errors(&pose);
     let inliers: Vec<bool> = errors.iter().map(|&e| e < squared_threshold).collect();
     let num_inliers = inliers.iter().filter(|&&inlier| inlier).count();
-    if num_inliers < super::MIN_CORRESPONDENCES || !pose.translation.vector.iter().all(|v| v.is_finite()) {
+    if num_inliers < super::MIN_CORRESPONDENCES
+        || !pose.translation.vector.iter().all(|v| v.is_finite())
+    {
         return None;
     }
     let sum: f64 = errors.iter().zip(&inliers).filter(|(_, inlier)| **inlier).map(|(e, _)| e).sum();
@@ -169,8 +171,5 @@ fn linearized(
 fn perturb(pose: &Isometry3<f64>, step: &SVector<f64, 6>) -> Isometry3<f64> {
     let omega = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
     let tau = Vector3::new(step[3], step[4], step[5]);
-    Isometry3::from_parts(
-        (omega * pose.translation.vector + tau).into(),
-        omega * pose.rotation,
-    )
+    Isometry3::from_parts((omega * pose.translation.vector + tau).into(), omega * pose.rotation)
 }

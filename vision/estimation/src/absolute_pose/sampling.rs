@@ -1,6 +1,8 @@
 //! P3P hypotheses, scored on normalized coordinates scaled to pixels.
 
-use nalgebra::{Isometry3, Matrix3, Point2, Point3, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point2, Point3, SVector, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 use volery_geometry::Camera;
 
 use crate::ransac::least_squares::{Loss, Normal, levenberg_marquardt};

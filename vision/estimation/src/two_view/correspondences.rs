@@ -55,12 +55,8 @@ impl Correspondences {
             column.resize(padded, f32::NAN);
             column
         };
-        let columns = [
-            column(&|p| p.x1.x),
-            column(&|p| p.x1.y),
-            column(&|p| p.x2.x),
-            column(&|p| p.x2.y),
-        ];
+        let columns =
+            [column(&|p| p.x1.x), column(&|p| p.x1.y), column(&|p| p.x2.x), column(&|p| p.x2.y)];
         Self { pairs, focal1, focal2, squared_threshold, columns }
     }
 
@@ -68,6 +64,11 @@ impl Correspondences {
     pub(super) fn subset(&self, indices: impl Iterator<Item = usize>) -> Self {
         let pairs = indices.map(|i| self.pairs[i]).collect();
         Self::from_pairs(pairs, self.focal1, self.focal2, self.squared_threshold)
+    }
+
+    /// The same under another threshold.
+    pub(super) fn with_squared_threshold(&self, squared_threshold: f64) -> Self {
+        Self::from_pairs(self.pairs.clone(), self.focal1, self.focal2, squared_threshold)
     }
 
     pub(super) fn len(&self) -> usize {
@@ -112,8 +113,7 @@ impl Correspondences {
             let v = (h[(1, 0)] * x1 + h[(1, 1)] * y1 + h[(1, 2)]) * w_inv;
             let (j00, j01) = (h[(0, 0)] - u * h[(2, 0)], h[(0, 1)] - u * h[(2, 1)]);
             let (j10, j11) = (h[(1, 0)] - v * h[(2, 0)], h[(1, 1)] - v * h[(2, 1)]);
-            let gain =
-                0.5 * (j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11) * w_inv * w_inv;
+            let gain = 0.5 * (j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11) * w_inv * w_inv;
             ((u - x2) * (u - x2) + (v - y2) * (v - y2)) / (1.0 + gain)
         })
     }
@@ -180,7 +180,11 @@ pub(super) fn pixel_from_scaled(camera: &Camera) -> Matrix3<f64> {
 
 /// Undistorted coordinates of the matched keypoints; `None` for a match that points past the
 /// keypoints, is not finite, or lies where the lens model cannot be inverted.
-pub(super) fn undistort(camera: &Camera, pixels: &[Point2<f64>], index: u32) -> Option<Vector2<f64>> {
+pub(super) fn undistort(
+    camera: &Camera,
+    pixels: &[Point2<f64>],
+    index: u32,
+) -> Option<Vector2<f64>> {
     let pixel = pixels.get(index as usize)?;
     if !pixel.coords.iter().all(|v| v.is_finite()) {
         return None;

@@ -40,8 +40,7 @@ impl Estimator for EssentialEstimator<'_> {
     fn refine(&self, model: &Self::Model) -> Option<Self::Model> {
         // Sampson errors do not see which of the four poses is the right one.
         let [pose, ..] = poses_from_essential(model)?;
-        let refined: Isometry3<f64> =
-            refine_pose(self.0, &pose, truncated(self.0), Effort::LOCAL);
+        let refined: Isometry3<f64> = refine_pose(self.0, &pose, truncated(self.0), Effort::LOCAL);
         Some(volery_geometry::epipolar::essential_from_pose(&refined))
     }
 }
@@ -157,8 +156,7 @@ impl Estimator for RotationEstimator<'_> {
         let b1 = [pairs[sample[0]].bearing1, pairs[sample[1]].bearing1];
         let b2 = [pairs[sample[0]].bearing2, pairs[sample[1]].bearing2];
         // The angle between the rays survives a rotation.
-        let tolerance =
-            4.0 * self.0.squared_threshold.sqrt() / self.0.focal1.min(self.0.focal2);
+        let tolerance = 4.0 * self.0.squared_threshold.sqrt() / self.0.focal1.min(self.0.focal2);
         if (b1[0].angle(&b1[1]) - b2[0].angle(&b2[1])).abs() > tolerance {
             return;
         }

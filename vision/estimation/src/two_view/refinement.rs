@@ -67,9 +67,8 @@ pub(super) fn refine_fundamental(
     let svd = f.try_svd(true, true, f64::EPSILON, 100)?;
     let (u, v_t, s) = (svd.u?, svd.v_t?, svd.singular_values);
     let start: Parts = (u, s[1] / s[0], v_t.transpose());
-    let compose = |(u, s, v): &Parts| {
-        u * Matrix3::from_diagonal(&Vector3::new(1.0, *s, 0.0)) * v.transpose()
-    };
+    let compose =
+        |(u, s, v): &Parts| u * Matrix3::from_diagonal(&Vector3::new(1.0, *s, 0.0)) * v.transpose();
     let linearize = |parts: &Parts| {
         let (u, s, v) = parts;
         let middle = Matrix3::from_diagonal(&Vector3::new(1.0, *s, 0.0));
@@ -85,7 +84,8 @@ pub(super) fn refine_fundamental(
         let turn = |i| Rotation3::new(step.fixed_rows::<3>(i).into_owned()).into_inner();
         (u * turn(0), s + step[6], v * turn(3))
     };
-    let parts = levenberg_marquardt(start, effort.max_iterations, effort.tolerance, linearize, apply);
+    let parts =
+        levenberg_marquardt(start, effort.max_iterations, effort.tolerance, linearize, apply);
     let f = compose(&parts);
     f.iter().all(|v| v.is_finite()).then_some(f)
 }
@@ -134,15 +134,17 @@ pub(super) fn refine_homography(
     // Unit columns in coordinates of order one keep the nine parameters alike; the free scale is
     // held by the damping.
     let unit = |h: &Matrix3<f64>| h / h[(2, 2)].abs().max(1e-9);
-    let linearize = |h: &Matrix3<f64>| accumulate_transfer::<8>(data, h, loss, |x1, w_inv, x| {
-        let s = 1.0 / data.focal1;
-        let (p, q) = (x1.x * s * w_inv, x1.y * s * w_inv);
-        let f = data.focal2;
-        [
-            [f * p, f * q, f * w_inv, 0.0, 0.0, 0.0, -x.x * p, -x.x * q],
-            [0.0, 0.0, 0.0, f * p, f * q, f * w_inv, -x.y * p, -x.y * q],
-        ]
-    });
+    let linearize = |h: &Matrix3<f64>| {
+        accumulate_transfer::<8>(data, h, loss, |x1, w_inv, x| {
+            let s = 1.0 / data.focal1;
+            let (p, q) = (x1.x * s * w_inv, x1.y * s * w_inv);
+            let f = data.focal2;
+            [
+                [f * p, f * q, f * w_inv, 0.0, 0.0, 0.0, -x.x * p, -x.x * q],
+                [0.0, 0.0, 0.0, f * p, f * q, f * w_inv, -x.y * p, -x.y * q],
+            ]
+        })
+    };
     let apply = |h: &Matrix3<f64>, step: &SVector<f64, 8>| {
         let mut n = data.normalized_homography(h);
         for k in 0..8 {

@@ -17,9 +17,9 @@ use super::estimators::{
 use super::refinement::{
     Effort, refine_fundamental, refine_homography, refine_pose, refine_rotation, scaled_essential,
 };
-use super::selection::{Noise, is_explained};
+use super::selection::{Noise, Slack, is_explained};
 use crate::ransac::least_squares::Loss;
-use crate::ransac::{Random, RansacOptions, lo_ransac, num_samples};
+use crate::ransac::{Estimator, Hypotheses, Random, RansacOptions, lo_ransac, num_samples};
 use crate::solvers::rotation_from_bearings;
 
 const FAILURE_PROBABILITY: f64 = 1e-3;
@@ -95,8 +95,15 @@ impl<'a> Verification<'a> {
         // Everything below is decided over what E explains; H and R are its special cases.
         let support = data.subset(indices_below(&errors, data.squared_threshold));
         let loss = self.noise_loss(&errors);
-        let pose = self.choose_pose(&support, &found.model)?;
-        let pose = refine_pose(&support, &pose, loss, Effort::FINAL);
+        let homography = self.search_homography(&support, &mut random, loss);
+        if homography.as_ref().is_some_and(|h| is_mirrored(&support, h)) {
+            return None;
+        }
+        let sigma = self.sigma(&errors);
+        let sharpened =
+            self.sharpen(&support, &found.model, homography.as_ref(), sigma, &mut random);
+        let pose = self.choose_pose(&support, &sharpened)?;
+        let pose = self.best_refined(&support, pose, homography.as_ref(), loss);
         let refined_e = scaled_essential(data, &pose);
         let errors = self.errors(|pair| self.error_in_front(&pose, &refined_e, pair));
         let support = data.subset(indices_below(&errors, data.squared_threshold));
@@ -107,30 +114,25 @@ impl<'a> Verification<'a> {
             squared_threshold: data.squared_threshold,
             num_by_chance,
         };
-        let explained = |h: &Matrix3<f64>| {
+        let explained = |h: &Matrix3<f64>, slack: &Slack| {
             let on_h: Vec<f64> = support.pairs.iter().map(|p| homography_error(h, p)).collect();
-            is_explained(&on_e, &on_h, &noise)
+            is_explained(&on_e, &on_h, &noise, slack)
         };
 
         if let Some(turn) = turn {
             let turn = refine_rotation(data, &turn, loss, Effort::FINAL);
             let h = data.scaled_homography(&turn.to_rotation_matrix().into_inner());
-            if explained(&h) {
+            if explained(&h, &Slack::ROTATION) {
                 return self.rotation_only(turn, &h);
             }
         }
-        let homography = self.search_homography(&support, &mut random, loss);
-        if homography.as_ref().is_some_and(|h| is_mirrored(&support, h)) {
-            return None;
-        }
         if let Some(h) = &homography
-            && explained(h)
+            && explained(h, &Slack::HOMOGRAPHY)
         {
-            return self.planar(&support, h, &pose, loss);
+            return self.with_pose(TwoViewKind::Planar, pose, Some(h));
         }
-        let homography = homography.filter(|h| {
-            data.score_homography(h, f64::INFINITY).num_inliers >= self.min_inliers
-        });
+        let homography = homography
+            .filter(|h| data.score_homography(h, f64::INFINITY).num_inliers >= self.min_inliers);
         self.with_pose(TwoViewKind::General, pose, homography.as_ref())
     }
 
@@ -149,18 +151,23 @@ impl<'a> Verification<'a> {
         let errors = self.errors(|pair| epipolar_error(&f, pair));
         let inliers = self.inliers(&errors);
         let support = data.subset(inliers.iter().copied());
-        let homography = self.search_homography(&support, &mut random, loss).filter(|h| {
-            data.score_homography(h, f64::INFINITY).num_inliers >= self.min_inliers
-        });
-        let turn = rotation_from_bearings(
-            support.pairs.iter().map(|p| (p.bearing1, p.bearing2, 1.0)),
-        )?;
-        self.geometry(TwoViewKind::Uncalibrated, None, Some(f), homography.as_ref(), &inliers, &turn)
+        let homography = self
+            .search_homography(&support, &mut random, loss)
+            .filter(|h| data.score_homography(h, f64::INFINITY).num_inliers >= self.min_inliers);
+        let turn =
+            rotation_from_bearings(support.pairs.iter().map(|p| (p.bearing1, p.bearing2, 1.0)))?;
+        self.geometry(
+            TwoViewKind::Uncalibrated,
+            None,
+            Some(f),
+            homography.as_ref(),
+            &inliers,
+            &turn,
+        )
     }
 
     fn ransac_options(&self, sample_size: usize) -> RansacOptions {
-        let least_ratio =
-            (self.min_inliers as f64 / self.data.len() as f64).max(MIN_INLIER_RATIO);
+        let least_ratio = (self.min_inliers as f64 / self.data.len() as f64).max(MIN_INLIER_RATIO);
         let bound =
             if self.data.len() < FEW_MATCHES { MAX_ITERATIONS_OF_FEW } else { MAX_ITERATIONS };
         RansacOptions {
@@ -276,6 +283,61 @@ impl<'a> Verification<'a> {
         if front || parallax < limit { epipolar_error(f, pair) } else { f64::INFINITY }
     }
 
+    /// A second search over the support, at a threshold that follows the noise, where one plane
+    /// holds much of it: two motions explain the plane, the cost has more than one valley, and
+    /// samples are too noisy to beat a refined hypothesis. So the best of each batch of samples
+    /// is refined, whatever its rank.
+    fn sharpen(
+        &self,
+        support: &Correspondences,
+        e: &Matrix3<f64>,
+        homography: Option<&Matrix3<f64>>,
+        sigma: f64,
+        random: &mut Random,
+    ) -> Matrix3<f64> {
+        const BATCHES: usize = 8;
+        const SAMPLES: usize = 10;
+        const SHARP_SIGMAS: f64 = 2.5;
+        const MIN_PLANE_SHARE: f64 = 0.4;
+        let squared_threshold = (SHARP_SIGMAS * sigma).powi(2).min(self.data.squared_threshold);
+        let sharp = support.with_squared_threshold(squared_threshold);
+        let num_on_plane =
+            homography.map_or(0, |h| sharp.score_homography(h, f64::INFINITY).num_inliers);
+        if (num_on_plane as f64) < MIN_PLANE_SHARE * support.len() as f64 {
+            return *e;
+        }
+        let estimator = EssentialEstimator(&sharp);
+        let refined = |e: &Matrix3<f64>| {
+            let e = estimator.refine(e)?;
+            Some((estimator.score(&e, f64::INFINITY).cost, e))
+        };
+        let mut best = refined(e);
+        let mut hypotheses = Hypotheses::new();
+        let mut sample = [0; 5];
+        for _ in 0..BATCHES {
+            let mut batch_best: Option<(f64, Matrix3<f64>)> = None;
+            for _ in 0..SAMPLES {
+                random.distinct(sharp.len(), &mut sample);
+                hypotheses.clear();
+                estimator.solve(&sample, &mut hypotheses);
+                for e in &hypotheses {
+                    let bound = batch_best.map_or(f64::INFINITY, |(cost, _)| cost);
+                    let cost = estimator.score(e, bound).cost;
+                    if cost < bound {
+                        batch_best = Some((cost, *e));
+                    }
+                }
+            }
+            let candidate = batch_best.and_then(|(_, e)| refined(&e));
+            if let Some((cost, _)) = candidate
+                && best.is_none_or(|(least, _)| cost < least)
+            {
+                best = candidate;
+            }
+        }
+        best.map_or(*e, |(_, e)| e)
+    }
+
     /// Of the four poses of E the one that has the points in front of both cameras (P24). A point
     /// counts by its parallax, up to the threshold: far points vote at random.
     fn choose_pose(&self, support: &Correspondences, e: &Matrix3<f64>) -> Option<Isometry3<f64>> {
@@ -309,46 +371,42 @@ impl<'a> Verification<'a> {
         self.geometry(TwoViewKind::RotationOnly, Some(pose), None, Some(h), &inliers, &turn)
     }
 
-    /// Of the two motions behind H the one with better support, next to the one from E.
-    fn planar(
+    /// The best of the pose from E and the motions behind H, each refined.
+    ///
+    /// Where one plane holds most points, two motions explain it equally well and only the few
+    /// points off the plane tell them apart; a search over E ends at either.
+    fn best_refined(
         &self,
         support: &Correspondences,
-        h: &Matrix3<f64>,
-        from_e: &Isometry3<f64>,
+        from_e: Isometry3<f64>,
+        homography: Option<&Matrix3<f64>>,
         loss: Loss,
-    ) -> Option<TwoViewGeometry> {
+    ) -> Isometry3<f64> {
         let data = &self.data;
-        let motions = poses_from_homography(&data.normalized_homography(h));
+        let motions =
+            homography.and_then(|h| poses_from_homography(&data.normalized_homography(h)));
         let seen = |normal: &Vector3<f64>| {
-            support.pairs.iter().filter(|p| normal.dot(&p.bearing1) > 0.0).count() * 2
-                > support.len()
+            let count = |p: &&Pair| normal.dot(&p.bearing1) > 0.0;
+            support.pairs.iter().filter(count).count() * 2 > support.len()
         };
-        let candidates = motions
-            .iter()
-            .flatten()
-            .filter(|m| seen(&m.normal_in_cam1))
-            .filter_map(|m| {
-                let t = m.cam2_from_cam1.translation.vector.try_normalize(1e-9)?;
-                Some(Isometry3::from_parts(t.into(), m.cam2_from_cam1.rotation))
-            })
-            .map(|pose| refine_pose(support, &pose, loss, Effort::FINAL))
-            .chain([*from_e]);
-        let best = candidates
-            .map(|pose| {
-                let f = scaled_essential(data, &pose);
-                let limit = data.squared_threshold;
-                let cost: f64 = support
-                    .pairs
-                    .iter()
-                    .map(|pair| {
-                        let front = depth_signs(&pose, &pair.bearing1, &pair.bearing2).0;
-                        if front { epipolar_error(&f, pair).min(limit) } else { limit }
-                    })
-                    .sum();
-                (cost, pose)
-            })
-            .min_by(|(a, _), (b, _)| a.total_cmp(b))?;
-        self.with_pose(TwoViewKind::Planar, best.1, Some(h))
+        let from_h = motions.iter().flatten().filter(|m| seen(&m.normal_in_cam1)).filter_map(|m| {
+            let t = m.cam2_from_cam1.translation.vector.try_normalize(1e-9)?;
+            Some(Isometry3::from_parts(t.into(), m.cam2_from_cam1.rotation))
+        });
+        let mut best = (f64::INFINITY, from_e);
+        for start in std::iter::once(from_e).chain(from_h) {
+            let pose = refine_pose(data, &start, loss, Effort::FINAL);
+            let f = scaled_essential(data, &pose);
+            let cost: f64 = data
+                .pairs
+                .iter()
+                .map(|pair| loss.evaluate(self.error_in_front(&pose, &f, pair)).0)
+                .sum();
+            if cost < best.0 {
+                best = (cost, pose);
+            }
+        }
+        best.1
     }
 
     fn with_pose(
