@@ -3,6 +3,7 @@
 //! * `--camera FILE`: known intrinsics (`camera.json`), held fixed; `--refine` lets them move.
 //! * `--no-exif`: every focal length is a guess; `--per-image`: a camera for every image.
 //! * `--sequential N`: match only the N next images of each.
+//! * `--mapper global`: run the global mapper alone.
 //! * `--features N`: most features per image.
 //! * `--cache DIR`: keep features and pairs between runs.
 //!
@@ -20,8 +21,14 @@ use volery_formats::{
     read_two_view_geometries, write_features, write_poses_csv, write_two_view_geometries,
 };
 use volery_geometry::{Camera, CameraModel};
-use volery_scene::{CameraId, Features, ImageId, ImagePrior, NoProgress, TwoViewGeometry};
-use volery_sfm::{MapperOptions, SfmCamera, SfmImage, reconstruct};
+use volery_scene::{
+    CameraId, Features, ImageId, ImagePrior, NoProgress, Quality, TwoViewGeometry, Verdict,
+};
+use volery_sfm::quality::Evidence;
+use volery_sfm::self_calibration::start_cameras;
+use volery_sfm::{
+    MapperOptions, Reconstruction, SfmCamera, SfmImage, map_globally, reconstruct,
+};
 
 type Error = Box<dyn std::error::Error>;
 
@@ -34,6 +41,7 @@ struct Arguments {
     per_image: bool,
     sequential: usize,
     features: usize,
+    global: bool,
     cache: Option<PathBuf>,
 }
 
@@ -47,6 +55,7 @@ fn arguments() -> Result<Arguments, Error> {
         per_image: false,
         sequential: usize::MAX,
         features: 8192,
+        global: false,
         cache: None,
     };
     let mut free = Vec::new();
@@ -58,6 +67,7 @@ fn arguments() -> Result<Arguments, Error> {
             "--sequential" => found.sequential = value()?.parse()?,
             "--features" => found.features = value()?.parse()?,
             "--cache" => found.cache = Some(value()?.into()),
+            "--mapper" => found.global = value()? == "global",
             "--refine" => found.refine = true,
             "--no-exif" => found.no_exif = true,
             "--per-image" => found.per_image = true,
@@ -217,7 +227,16 @@ fn main() -> Result<(), Error> {
     }
     let matching_s = cpu_s();
 
-    let found = reconstruct(&images, &cameras, &pairs, &MapperOptions::default(), &NoProgress)?;
+    let options = MapperOptions::default();
+    let found = if arguments.global {
+        let start = start_cameras(&images, &cameras, &pairs);
+        let models =
+            map_globally(&images, &cameras, &start, &pairs, &options, &NoProgress)?;
+        let quality = Quality { verdict: Verdict::Suspect, reasons: Vec::new() };
+        Reconstruction { models, unplaced: Vec::new(), quality, mapper: "global" }
+    } else {
+        reconstruct(&images, &cameras, &pairs, &options, &NoProgress)?
+    };
     let mapping_s = cpu_s();
     let num_keypoints: usize = images.iter().map(|image| image.keypoints.len()).sum();
     println!(
@@ -244,8 +263,25 @@ fn main() -> Result<(), Error> {
             println!("  {} {:.3?}", camera.model.name(), camera.params());
         }
     }
-    println!("unplaced {:?}", found.unplaced);
+    for unplaced in &found.unplaced {
+        println!("unplaced {} {}", images[unplaced.image.0 as usize].name, unplaced.reason.code());
+        let own = |p: &&TwoViewGeometry| p.image1 == unplaced.image || p.image2 == unplaced.image;
+        for pair in pairs.iter().filter(own) {
+            println!(
+                "  {:3} {:3} {:?} {} of {} matches, {:.2} degrees",
+                pair.image1.0,
+                pair.image2.0,
+                pair.kind,
+                pair.num_inliers(),
+                pair.num_putative,
+                pair.median_parallax.to_degrees()
+            );
+        }
+    }
     println!("quality {:?}", found.quality);
+    if let Some(model) = found.models.first() {
+        println!("{:?}", Evidence::of(model, &pairs));
+    }
     if let Some(model) = found.models.first() {
         let poses: Vec<NamedPose> = model
             .images

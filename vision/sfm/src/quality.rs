@@ -17,8 +17,6 @@ use crate::incremental::{FOV_RANGE_DEG, MAX_DISTORTION};
 
 /// Inliers from which a pair's word counts.
 const MIN_WITNESS_INLIERS: usize = 25;
-/// Rotation between the poses and a pair, degrees, from which the pair contradicts.
-const MAX_ROTATION_RESIDUAL_DEG: f64 = 5.0;
 /// Sampson error, pixels, up to which a match agrees with the poses.
 const MAX_SAMPSON_PX: f64 = 6.0;
 /// A pair contradicts if fewer of its matches agree with the poses.
@@ -199,8 +197,7 @@ impl Testimony {
     }
 
     fn contradicts(&self) -> bool {
-        self.rotation_residual_deg.is_some_and(|degrees| degrees > MAX_ROTATION_RESIDUAL_DEG)
-            || self.agreeing_matches < MIN_AGREEING_MATCHES
+        self.agreeing_matches < MIN_AGREEING_MATCHES
     }
 }
 

@@ -9,7 +9,8 @@ use volery_scene::{
     TwoViewKind, UnplacedImage, UnplacedReason, Verdict,
 };
 
-use crate::incremental::{Input, map_incrementally};
+use crate::global::map_globally;
+use crate::incremental::{Input, extend_model, map_incrementally};
 use crate::quality::{Evidence, no_map};
 use crate::self_calibration::start_cameras;
 
@@ -183,7 +184,18 @@ fn attempt(
         Mapper::Incremental => {
             map_incrementally(images, cameras, &start, pairs, options, progress)?
         }
-        Mapper::Global => Vec::new(),
+        Mapper::Global => {
+            let mut models = map_globally(images, cameras, &start, pairs, options, progress)?;
+            if let Some(map) = models.first_mut()
+                && map.images.len() < images.len()
+            {
+                let extended = extend_model(input, map, progress)?;
+                if extended.images.len() > map.images.len() {
+                    *map = extended;
+                }
+            }
+            models
+        }
     };
     let (quality, contradiction) = match models.first() {
         Some(model) => {

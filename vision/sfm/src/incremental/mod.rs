@@ -10,7 +10,7 @@ pub(crate) mod working;
 
 use volery_estimation::BundleOptions;
 use volery_geometry::Camera;
-use volery_scene::{Cancelled, Observation, Progress, SparseModel, Stage, TwoViewGeometry};
+use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
 pub(crate) use initial_pair::{median, relative_pose};
@@ -235,22 +235,23 @@ impl WorkingModel<'_> {
     }
 }
 
-/// Images of `model` stay; further images join, then everything is refined.
+/// Least triangulation angle, radians, when a model is extended: a scan in place has little more.
+const MIN_EXTENSION_ANGLE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+
+/// Further images join a model of another mapper, then everything is refined.
 pub(crate) fn extend_model(
-    images: &[SfmImage],
-    cameras: &[SfmCamera],
-    pairs: &[TwoViewGeometry],
-    tracks: &[Vec<Observation>],
+    input: Input<'_>,
     model: &SparseModel,
-    options: &MapperOptions,
     progress: &dyn Progress,
 ) -> Result<SparseModel, Cancelled> {
-    let input = Input { images, cameras, pairs, options };
-    let start = cameras.iter().map(|camera| camera.camera).collect();
-    let mut working = WorkingModel::new(input, start, tracks, vec![true; images.len()]);
+    let min_angle = input.options.min_angle.min(MIN_EXTENSION_ANGLE);
+    let options = MapperOptions { min_angle, ..*input.options };
+    let input = Input { options: &options, ..input };
+    let tracks = build_tracks(input.images, input.pairs);
+    let start = input.cameras.iter().map(|camera| camera.camera).collect();
+    let mut working = WorkingModel::new(input, start, &tracks, vec![true; input.images.len()]);
     working.load(model);
     working.update_tracks();
-    working.drop_weak_images();
     working.grow(0, progress)?;
     Ok(working.to_sparse())
 }

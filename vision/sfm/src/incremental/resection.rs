@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Point2, Point3};
 use volery_estimation::{AbsolutePoseOptions, estimate_absolute_pose};
+use volery_geometry::epipolar::{essential_from_pose, squared_sampson_error};
 
 use super::working::WorkingModel;
 
@@ -24,15 +25,13 @@ impl Support {
 /// Inlier threshold of resection, pixels of an image 1000 wide; wider than that of the points
 /// since the map around a new image has not been adjusted to it.
 const MAX_ERROR_PX: f64 = 8.0;
-/// Disagreement between a pose and a verified pair, degrees, from which the pair speaks against
-/// the pose.
-const MAX_ROTATION_RESIDUAL_DEG: f64 = 8.0;
-/// Inliers from which a pair's word on the rotation counts.
+/// Sampson error, pixels, up to which a verified match agrees with a new pose.
+const MAX_SAMPSON_PX: f64 = 12.0;
+/// Inliers from which a pair's word counts.
 const MIN_WITNESS_INLIERS: usize = 25;
 
 impl WorkingModel<'_> {
-    /// Pose of `image` from the points its tracks see, checked against the rotations of its
-    /// verified pairs. `None` if the support is too small or the pairs contradict.
+    /// Pose of `image` from the points its tracks see, checked against its verified pairs. `None` if the support is too small or the pairs contradict.
     pub(crate) fn resect(&self, image: usize, support: Support) -> Option<Isometry3<f64>> {
         let mut pixels: Vec<Point2<f64>> = Vec::new();
         let mut points: Vec<Point3<f64>> = Vec::new();
@@ -57,44 +56,36 @@ impl WorkingModel<'_> {
             .then_some(pose.cam_from_world)
     }
 
-    /// Whether the verified pairs of `image` with posed images mostly disagree with its rotation.
+    /// Whether most verified matches of `image` with posed images violate the epipolar geometry
+    /// of the poses.
     pub(crate) fn is_contradicted(&self, image: usize, cam_from_world: &Isometry3<f64>) -> bool {
         let (mut agree, mut disagree) = (0usize, 0usize);
         for pair in self.input.pairs {
-            let Some(residual) = self.rotation_residual(pair, image, cam_from_world) else {
+            let (i, j) = (pair.image1.0 as usize, pair.image2.0 as usize);
+            if (i != image && j != image) || pair.num_inliers() < MIN_WITNESS_INLIERS {
                 continue;
-            };
-            if residual.to_degrees() > MAX_ROTATION_RESIDUAL_DEG {
-                disagree += pair.num_inliers();
-            } else {
-                agree += pair.num_inliers();
+            }
+            let pose_of = |k: usize| if k == image { Some(*cam_from_world) } else { self.poses[k] };
+            let (Some(pose1), Some(pose2)) = (pose_of(i), pose_of(j)) else { continue };
+            let essential = essential_from_pose(&(pose2 * pose1.inverse()));
+            let focal = 0.5 * (self.camera(i).mean_focal() + self.camera(j).mean_focal());
+            let limit = (MAX_SAMPSON_PX / focal).powi(2);
+            for m in &pair.matches {
+                let (Some(Some(xy1)), Some(Some(xy2))) = (
+                    self.rays[i].get(m.feature1 as usize),
+                    self.rays[j].get(m.feature2 as usize),
+                ) else {
+                    continue;
+                };
+                let error =
+                    squared_sampson_error(&essential, &Point2::from(*xy1), &Point2::from(*xy2));
+                if error <= limit {
+                    agree += 1;
+                } else {
+                    disagree += 1;
+                }
             }
         }
         disagree > agree
-    }
-
-    /// Angle between the rotation of a pair and that of the poses, if the pair ties `image` to a
-    /// posed image and knows its rotation.
-    fn rotation_residual(
-        &self,
-        pair: &volery_scene::TwoViewGeometry,
-        image: usize,
-        cam_from_world: &Isometry3<f64>,
-    ) -> Option<f64> {
-        use volery_scene::TwoViewKind::{General, RotationOnly};
-        let (i, j) = (pair.image1.0 as usize, pair.image2.0 as usize);
-        if (i != image && j != image)
-            || pair.num_inliers() < MIN_WITNESS_INLIERS
-            || !matches!(pair.kind, General | RotationOnly)
-        {
-            return None;
-        }
-        let measured = pair.cam2_from_cam1?.rotation;
-        let (pose1, pose2) = if i == image {
-            (*cam_from_world, self.poses[j]?)
-        } else {
-            (self.poses[i]?, *cam_from_world)
-        };
-        Some((pose2.rotation * pose1.rotation.inverse()).angle_to(&measured))
     }
 }
