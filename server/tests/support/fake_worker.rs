@@ -1,2 +1,167 @@
-//! A worker that plays its part from a script.
-fn main() {}
+//! A worker that plays its part without looking at anything: what to do stands in the bytes of
+//! its inputs.
+//!
+//! * A photo is `\xff\xd8\xff` and words: `truncated` and `die` and `hang` are obeyed.
+//! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `hang`, `partial`.
+
+use std::{
+    fs,
+    io::{self, Read, Write},
+    path::Path,
+    thread::sleep,
+    time::Duration,
+};
+
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use serde_json::{Value, json};
+
+fn main() {
+    set_parent_process_death_signal(Some(Signal::KILL)).expect("linux");
+    let parent: i32 = std::env::var("VOLERY_PARENT_PID").expect("set").parse().expect("a pid");
+    if getppid().map(|pid| pid.as_raw_nonzero().get()) != Some(parent) {
+        return;
+    }
+    let mut args = std::env::args().skip(1);
+    match args.next().as_deref() {
+        Some("run-job") => run_job(Path::new(&args.next().expect("a folder"))),
+        Some("run-decoder" | "run-localizer") => answer(),
+        other => panic!("unknown word {other:?}"),
+    }
+}
+
+fn say(line: Value) {
+    println!("{line}");
+    io::stdout().flush().expect("the parent listens");
+}
+
+fn run_job(folder: &Path) {
+    let spec: Value =
+        serde_json::from_slice(&fs::read(folder.join("job.json")).expect("job.json")).expect("JSON");
+    let names: Vec<_> = spec["images"]
+        .as_array()
+        .expect("images")
+        .iter()
+        .map(|image| image["name"].as_str().expect("a name").to_owned())
+        .collect();
+    let told = |word: &str| names.iter().any(|name| name.contains(word));
+    if told("refuse") {
+        say(json!({"type": "result", "ok": false, "code": "no_overlap", "detail": "none",
+            "hint": "take more"}));
+        return;
+    }
+    for stage in ["features", "pairs", "matching", "mapping", "align", "export"] {
+        for done in 0..=names.len() {
+            say(json!({"type": "progress", "stage": stage, "done": done, "total": names.len(),
+                "unit": "images"}));
+            // Every unit leaves a trace once, so that a resumed run can be told from a fresh one.
+            let unit = folder.join(format!("{stage}-{done}"));
+            if !unit.exists() {
+                let mut log = fs::OpenOptions::new()
+                    .append(true)
+                    .create(true)
+                    .open(folder.join("units"))
+                    .expect("a log");
+                writeln!(log, "{stage}-{done}").expect("room");
+                if told("slow") {
+                    sleep(Duration::from_millis(20));
+                }
+                fs::write(unit, "").expect("room");
+            }
+            if stage == "matching" && done == 1 {
+                if told("crash") {
+                    eprintln!("something terrible");
+                    std::process::abort();
+                }
+                if told("hang") {
+                    sleep(Duration::from_secs(600));
+                }
+            }
+        }
+    }
+    say(json!({"type": "log", "level": "info", "message": "the map is written"}));
+    let out = folder.join("out");
+    fs::create_dir_all(out.join("colmap")).expect("room");
+    for (name, text) in [
+        ("map.json", json!({"num_images": names.len(), "scale": {"metric": false}}).to_string()),
+        ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
+        ("sparse.ply", "0123456789".to_owned()),
+        ("report.json", "{}".to_owned()),
+        ("report.html", "<p>fine</p>".to_owned()),
+        ("localization.bin", names.join("\n")),
+        ("colmap/cameras.txt", "# cameras".to_owned()),
+        ("colmap/images.txt", "# images".to_owned()),
+    ] {
+        fs::write(out.join(name), text).expect("room");
+    }
+    let state = if told("partial") { "partial" } else { "succeeded" };
+    say(json!({"type": "result", "ok": true, "state": state, "map": "out"}));
+}
+
+fn read_part(input: &mut impl Read) -> Option<Vec<u8>> {
+    let mut len = [0; 4];
+    input.read_exact(&mut len).ok()?;
+    let mut part = vec![0; u32::from_le_bytes(len) as usize];
+    input.read_exact(&mut part).ok()?;
+    Some(part)
+}
+
+fn answer() {
+    let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
+    while let Some(header) = read_part(&mut input) {
+        let payload = read_part(&mut input).expect("a payload");
+        let request: Value = serde_json::from_slice(&header).expect("JSON");
+        let reply = serde_json::to_vec(&reply(&request, &payload)).expect("JSON");
+        for part in [&reply[..], &[]] {
+            output.write_all(&(part.len() as u32).to_le_bytes()).expect("the parent listens");
+            output.write_all(part).expect("the parent listens");
+        }
+        output.flush().expect("the parent listens");
+    }
+}
+
+fn reply(request: &Value, payload: &[u8]) -> Value {
+    let told = |word: &str| payload.windows(word.len()).any(|bytes| bytes == word.as_bytes());
+    if told("die") {
+        std::process::abort();
+    }
+    if told("hang") {
+        sleep(Duration::from_secs(600));
+    }
+    if told("truncated") {
+        return json!({"ok": false, "code": "truncated", "detail": "it ends early"});
+    }
+    let path = |field: &str| Path::new(request[field].as_str().expect("a path")).to_owned();
+    match request["op"].as_str() {
+        Some("check_image") => {
+            json!({"ok": true, "width": 640, "height": 480, "format": "jpeg", "exif": {}})
+        }
+        Some("localize") => {
+            assert!(path("map_dir").join("localization.bin").exists(), "the map is laid out");
+            if told("slow") {
+                sleep(Duration::from_millis(200));
+            }
+            if told("nowhere") {
+                return json!({"ok": true, "status": "not_found", "reason": "too_few_matches"});
+            }
+            json!({"ok": true, "status": "ok", "num_inliers": 50,
+                "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
+                "timings": {"features_ms": 1.0}})
+        }
+        Some("align") => {
+            fs::create_dir_all(path("out_dir")).expect("room");
+            fs::write(path("out_dir").join("map.json"), r#"{"scale":{"metric":true}}"#)
+                .expect("room");
+            json!({"ok": true, "residuals": {"rms_m": 0.01}})
+        }
+        Some("export") => {
+            if request["format"] == "colmap_bin" {
+                fs::create_dir_all(path("out")).expect("room");
+                fs::write(path("out").join("cameras.bin"), [0; 8]).expect("room");
+            } else {
+                fs::write(path("out"), "exported").expect("room");
+            }
+            json!({"ok": true})
+        }
+        other => json!({"ok": false, "code": "bad_request", "detail": format!("{other:?}")}),
+    }
+}

@@ -1,0 +1,235 @@
+//! Tokens, roles, limits, errors.
+
+mod support;
+
+use std::{
+    io::{Read, Write},
+    net::TcpStream,
+    time::{Duration, Instant},
+};
+
+use serde_json::json;
+use support::{Client, Server};
+
+/// Every operation of the description, with ids filled in.
+fn operations() -> Vec<(String, String)> {
+    let openapi = serde_json::to_value(volery_server::openapi()).unwrap();
+    let id = "01900000-0000-7000-8000-000000000000";
+    let mut operations = Vec::new();
+    for (path, item) in openapi["paths"].as_object().unwrap() {
+        for method in item.as_object().unwrap().keys() {
+            let path = path.replace("{id}", id).replace("{name}", "poses.csv");
+            operations.push((method.to_uppercase(), path));
+        }
+    }
+    assert!(operations.len() > 35, "{}", operations.len());
+    operations
+}
+
+async fn token(client: &Client, role: &str) -> String {
+    let made = client.post("/v1/tokens", json!({"name": role, "role": role})).await.expect(201);
+    made.json()["secret"].as_str().unwrap().to_owned()
+}
+
+#[tokio::test]
+async fn every_route_asks_for_a_token_of_its_role() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let open = ["/healthz", "/readyz", "/openapi.yaml"];
+    let viewer = client.with_token(Some(&token(client, "viewer").await));
+    let mapper = client.with_token(Some(&token(client, "mapper").await));
+    for (method, path) in operations() {
+        let status = |client: Client| {
+            let (method, path) = (method.clone(), path.clone());
+            async move { client.send(&method, &path, &[], b"").await.status }
+        };
+        let nobody = status(client.with_token(None)).await;
+        if open.contains(&path.as_str()) {
+            assert_eq!(nobody, 200, "{method} {path}");
+            continue;
+        }
+        assert_eq!(nobody, 401, "{method} {path} without a token");
+        let admin_only = path.starts_with("/v1/tokens");
+        let reads = method == "GET" || path.ends_with("/localize");
+        assert_eq!(status(viewer.clone()).await == 403, admin_only || !reads, "{method} {path}");
+        assert_eq!(status(mapper.clone()).await == 403, admin_only, "{method} {path}");
+        assert!(!matches!(status(client.clone()).await, 401 | 403 | 500..), "{method} {path}");
+    }
+    server.running.stop().await;
+}
+
+#[tokio::test]
+async fn guesses_are_slowed_down_and_valid_tokens_are_not() {
+    let server = Server::start().await;
+    server.client.get("/v1/info").await.expect(200);
+    let guess = server.client.with_token(Some("vly_guess"));
+    let mut refused = 0;
+    for _ in 0..30 {
+        let answer = guess.get("/v1/info").await;
+        match answer.status {
+            401 => assert_eq!(answer.code(), "unauthorized"),
+            _ => {
+                assert_eq!(answer.expect(429).header("retry-after").is_some(), true);
+                refused += 1;
+            }
+        }
+    }
+    assert_eq!(refused, 20);
+    server.client.get("/v1/info").await.expect(200);
+}
+
+#[tokio::test]
+async fn tokens_end_by_time_and_by_hand() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let short = json!({"name": "short", "role": "viewer", "expires_in_s": 0});
+    let short = client.post("/v1/tokens", short).await.expect(201).json();
+    let expired = client.with_token(short["secret"].as_str()).get("/v1/info").await.expect(401);
+    assert_eq!(expired.code(), "token_expired");
+
+    let made = client.post("/v1/tokens", json!({"name": "x", "role": "viewer"})).await.json();
+    let theirs = client.with_token(made["secret"].as_str());
+    theirs.get("/v1/info").await.expect(200);
+    client.delete(&format!("/v1/tokens/{}", made["id"].as_str().unwrap())).await.expect(204);
+    theirs.get("/v1/info").await.expect(401);
+
+    let list = client.get("/v1/tokens").await.expect(200);
+    assert!(!String::from_utf8_lossy(&list.body).contains("vly_"), "no secret is shown again");
+    assert_eq!(list.json()["items"].as_array().unwrap().len(), 2);
+}
+
+#[tokio::test]
+async fn loopback_needs_no_token_only_when_told_so() {
+    let server = Server::start_with(|config| config.loopback_without_token = true).await;
+    let nobody = server.client.with_token(None);
+    nobody.get("/v1/tokens").await.expect(200);
+    let page = [("Origin", "https://evil.example")];
+    nobody.send("GET", "/v1/tokens", &page, b"").await.expect(401);
+
+    let folder = support::Folder::new();
+    let mut config = support::config(&folder.0);
+    config.loopback_without_token = true;
+    config.listen = "0.0.0.0:0".parse().unwrap();
+    assert!(volery_server::start(config).await.is_err());
+}
+
+#[tokio::test]
+async fn one_service_per_folder_and_one_first_token() {
+    let server = Server::start().await;
+    let data = server.folder.0.join("data");
+    assert!(volery_server::start(support::config(&data)).await.is_err());
+    server.running.stop().await;
+    let again = volery_server::start(support::config(&data)).await.unwrap();
+    assert_eq!(again.admin_token, None);
+    let client = Client { addr: again.addr, ..server.client };
+    client.get("/v1/info").await.expect(200);
+    again.stop().await;
+}
+
+#[tokio::test]
+async fn errors_are_problems_with_stable_codes() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let json = [("Content-Type", "application/json")];
+    for (method, path, body, status, code) in [
+        ("GET", "/nothing", "", 404, "no_such_route"),
+        ("PUT", "/v1/info", "", 405, "method_not_allowed"),
+        ("GET", "/v1/jobs/../../etc/passwd", "", 404, "no_such_route"),
+        ("GET", "/v1/jobs/7", "", 400, "bad_request"),
+        ("GET", "/v1/jobs/01900000-0000-7000-8000-000000000000", "", 404, "not_found"),
+        ("GET", "/v1/jobs?limit=0", "", 422, "bad_limit"),
+        ("GET", "/v1/jobs?limits=5", "", 422, "unknown_field"),
+        ("GET", "/v1/jobs?cursor=x", "", 422, "bad_cursor"),
+        ("GET", "/v1/jobs?state=lost", "", 422, "bad_state"),
+        ("POST", "/v1/imagesets", "{", 400, "bad_request"),
+        ("POST", "/v1/imagesets", r#"{"name":"x","nme":"y"}"#, 422, "unknown_field"),
+        ("POST", "/v1/imagesets", r#"{"name":7}"#, 422, "invalid_body"),
+        ("POST", "/v1/imagesets", r#"{"name":" "}"#, 422, "bad_name"),
+        ("POST", "/v1/jobs", r#"{"imageset_ids":[]}"#, 422, "no_images"),
+        (
+            "POST",
+            "/v1/jobs",
+            r#"{"imageset_ids":["01900000-0000-7000-8000-000000000000"]}"#,
+            422,
+            "unknown_imageset",
+        ),
+        (
+            "POST",
+            "/v1/cameras",
+            r#"{"name":"c","camera":{"model":"PINHOLE","width":1,"height":1,"params":[1]}}"#,
+            422,
+            "bad_camera",
+        ),
+    ] {
+        let answer = client.send(method, path, &json, body.as_bytes()).await.expect(status);
+        assert_eq!(answer.code(), code, "{method} {path} {body}");
+        let instance = answer.json()["instance"].as_str().unwrap().to_owned();
+        assert!(path.starts_with(&instance), "{instance}");
+    }
+    let answer = client.send("POST", "/v1/imagesets", &[], b"{}").await.expect(415);
+    assert_eq!(answer.code(), "unsupported_media_type");
+}
+
+#[tokio::test]
+async fn a_body_over_the_limit_is_refused_before_it_is_read() {
+    let server = Server::start_with(|config| config.limits.json_bytes = 1000).await;
+    let long = json!({"name": "x".repeat(2000)});
+    let answer = server.client.post("/v1/imagesets", long).await.expect(413);
+    assert_eq!(answer.code(), "too_large");
+}
+
+/// hyper keeps half a header for ever unless it is given a timer.
+#[tokio::test]
+async fn half_a_header_is_closed() {
+    let server = Server::start_with(|config| config.limits.header_timeout_s = 1).await;
+    let addr = server.running.addr;
+    let waited = tokio::task::spawn_blocking(move || {
+        let mut stream = TcpStream::connect(addr).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.write_all(b"GET /healthz HTTP/1.1\r\nHost: x\r\nX-Slow: ").unwrap();
+        let start = Instant::now();
+        let mut rest = Vec::new();
+        stream.read_to_end(&mut rest).unwrap();
+        start.elapsed()
+    });
+    assert!(waited.await.unwrap() < Duration::from_secs(10));
+}
+
+#[tokio::test]
+async fn a_body_that_pauses_is_given_up() {
+    let server = Server::start_with(|config| config.limits.body_idle_timeout_s = 1).await;
+    let token = server.client.token.clone().unwrap();
+    let head = format!(
+        "POST /v1/imagesets HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\
+         Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{"
+    );
+    let answer = server.client.raw(head.into_bytes()).await.expect(408);
+    assert_eq!(answer.code(), "request_timeout");
+}
+
+#[tokio::test]
+async fn connections_over_the_limit_are_closed_and_others_go_on() {
+    let server = Server::start_with(|config| config.limits.connections = 2).await;
+    let addr = server.running.addr;
+    let held: Vec<_> = (0..2).map(|_| TcpStream::connect(addr).unwrap()).collect();
+    let start = Instant::now();
+    while server.client.get("/healthz").await.status != 0 {
+        assert!(start.elapsed() < Duration::from_secs(10), "a third connection was served");
+    }
+    drop(held);
+    while server.client.get("/healthz").await.status != 200 {
+        assert!(start.elapsed() < Duration::from_secs(10), "places come back");
+    }
+}
+
+#[tokio::test]
+async fn readiness_names_what_is_missing() {
+    let server = Server::start().await;
+    server.client.get("/readyz").await.expect(200);
+    let broken = Server::start_with(|config| config.worker_program = "/nowhere".into()).await;
+    let health = broken.client.get("/readyz").await.expect(503).json();
+    assert_eq!(health["status"], "unavailable");
+    let metrics = server.client.get("/metrics").await.expect(200);
+    let text = String::from_utf8_lossy(&metrics.body).into_owned();
+    assert!(text.contains("volery_http_responses_total{class=\"2xx\"}"), "{text}");
+}
