@@ -13,3 +13,6 @@ pub use fundamental::{fundamental_7pt, fundamental_8pt};
 pub use homography::{homography_4pt, homography_dlt};
 pub use p3p::p3p;
 pub use rotation::{rotation_2pt, rotation_from_bearings};
+
+#[cfg(test)]
+mod tests;

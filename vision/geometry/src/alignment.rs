@@ -1,6 +1,8 @@
 //! The similarity that maps one point set onto another.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3,
+};
 
 /// Why two point sets have no unique similarity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -93,7 +95,8 @@ mod tests {
 
     #[test]
     fn exact_data_gives_the_truth_back() {
-        let truth = Similarity3::new(Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.4, 1.1, -0.3), 2.5);
+        let truth =
+            Similarity3::new(Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.4, 1.1, -0.3), 2.5);
         let target: Vec<_> = tetrahedron().iter().map(|p| truth * p).collect();
         let found = similarity_from_points(&tetrahedron(), &target).unwrap();
         assert!((found.to_homogeneous() - truth.to_homogeneous()).norm() < 1e-12);
@@ -102,8 +105,7 @@ mod tests {
     /// Dies if S (43) is dropped: the best fit of a mirror image is still a rotation.
     #[test]
     fn mirrored_points_give_a_rotation() {
-        let mirrored: Vec<_> =
-            tetrahedron().iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
+        let mirrored: Vec<_> = tetrahedron().iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
         let found = similarity_from_points(&tetrahedron(), &mirrored).unwrap();
         let rotation = found.isometry.rotation.to_rotation_matrix();
         assert!((rotation.matrix().determinant() - 1.0).abs() < 1e-12);
@@ -111,7 +113,8 @@ mod tests {
 
     #[test]
     fn degenerate_sets_are_refused() {
-        let line: Vec<_> = (0..5).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
+        let line: Vec<_> =
+            (0..5).map(|i| Point3::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
         assert_eq!(similarity_from_points(&line, &line), Err(AlignError::Collinear));
         let same = vec![Point3::new(1.0, 2.0, 3.0); 4];
         assert_eq!(similarity_from_points(&same, &same), Err(AlignError::Collinear));

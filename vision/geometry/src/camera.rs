@@ -297,8 +297,7 @@ impl Camera {
         let pixel = self.principal_point() + distorted.uv.component_mul(&focal);
 
         let d_uv = Matrix2::from_diagonal(&focal) * distorted.d_xy;
-        let d_xy_d_point =
-            Matrix2x3::new(z_inv, 0.0, -xy.x * z_inv, 0.0, z_inv, -xy.y * z_inv);
+        let d_xy_d_point = Matrix2x3::new(z_inv, 0.0, -xy.x * z_inv, 0.0, z_inv, -xy.y * z_inv);
 
         let mut d_params = SMatrix::<f64, 2, MAX_CAMERA_PARAMS>::zeros();
         let num_focals = self.model.num_focals();
@@ -308,8 +307,7 @@ impl Camera {
         d_params[(1, num_focals + 1)] = 1.0;
         let start = self.model.distortion_start();
         for column in start..self.model.num_params() {
-            d_params
-                .set_column(column, &distorted.d_k[column - start].component_mul(&focal));
+            d_params.set_column(column, &distorted.d_k[column - start].component_mul(&focal));
         }
         Some(Projection { pixel, d_point: d_uv * d_xy_d_point, d_params })
     }
@@ -423,11 +421,7 @@ impl Camera {
                                 + theta2
                                     * (5.0 * k[1] + theta2 * (7.0 * k[2] + theta2 * 9.0 * k[3])));
                     let d_theta_d_r = d_theta_d / (1.0 + r2);
-                    (
-                        theta_d / r,
-                        (d_theta_d_r - theta_d / r) / (2.0 * r2),
-                        theta / r,
-                    )
+                    (theta_d / r, (d_theta_d_r - theta_d / r) / (2.0 * r2), theta / r)
                 };
                 let mut power = theta_over_r;
                 for d in d_k.iter_mut().take(4) {
