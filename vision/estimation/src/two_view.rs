@@ -2,7 +2,10 @@
 
 mod correspondences;
 mod estimators;
+mod outcome;
+mod poses;
 mod refinement;
+mod search;
 mod selection;
 mod verification;
 

@@ -191,3 +191,8 @@ pub(super) fn undistort(
     }
     camera.unproject(pixel).filter(|xy| xy.iter().all(|v| v.is_finite()))
 }
+
+/// Positions of the errors below a limit.
+pub(super) fn indices_below(errors: &[f64], limit: f64) -> impl Iterator<Item = usize> {
+    errors.iter().enumerate().filter(move |(_, e)| **e < limit).map(|(i, _)| i)
+}
