@@ -51,8 +51,6 @@ pub(crate) enum Code {
     Internal,
     /// A child process died or took too long.
     Worker(&'static str),
-    /// Closing down or not ready.
-    Unavailable,
     /// The disk is full.
     DiskFull,
 }
@@ -132,9 +130,6 @@ impl ApiError {
             Code::TooMany { code, .. } => (code, S::TOO_MANY_REQUESTS, "Too many requests"),
             Code::Internal => ("internal", S::INTERNAL_SERVER_ERROR, "The service failed"),
             Code::Worker(code) => (code, S::SERVICE_UNAVAILABLE, "A worker process failed"),
-            Code::Unavailable => {
-                ("unavailable", S::SERVICE_UNAVAILABLE, "The service is not ready")
-            }
             Code::DiskFull => ("disk_full", S::INSUFFICIENT_STORAGE, "The disk is full"),
         }
     }

@@ -2,7 +2,7 @@
 //! its inputs.
 //!
 //! * A photo is `\xff\xd8\xff` and words: `truncated` and `die` and `hang` are obeyed.
-//! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `hang`, `partial`.
+//! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `endless`, `partial`.
 
 use std::{
     fs,
@@ -35,8 +35,8 @@ fn say(line: Value) {
 }
 
 fn run_job(folder: &Path) {
-    let spec: Value =
-        serde_json::from_slice(&fs::read(folder.join("job.json")).expect("job.json")).expect("JSON");
+    let spec: Value = serde_json::from_slice(&fs::read(folder.join("job.json")).expect("job.json"))
+        .expect("JSON");
     let names: Vec<_> = spec["images"]
         .as_array()
         .expect("images")
@@ -72,7 +72,7 @@ fn run_job(folder: &Path) {
                     eprintln!("something terrible");
                     std::process::abort();
                 }
-                if told("hang") {
+                if told("endless") {
                     sleep(Duration::from_secs(600));
                 }
             }

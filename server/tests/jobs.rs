@@ -1,0 +1,187 @@
+//! Jobs by their invariants: one worker at a time, bounded attempts, nothing half-done is seen.
+
+mod support;
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use support::{Client, Server};
+
+async fn events(client: &Client, job: &str) -> Vec<Value> {
+    let events = client.get(&format!("/v1/jobs/{job}/events")).await.expect(200).json();
+    events["items"].as_array().unwrap().clone()
+}
+
+#[tokio::test]
+async fn photos_become_a_map() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let job = client.reconstruct(&["a.jpg", "b.jpg"]).await;
+    let job = client.finished(&job).await;
+    assert_eq!(job["state"], "succeeded", "{job:#}");
+    assert_eq!(job["progress"]["fraction"], 1.0);
+    assert_eq!(job["attempt"], 1);
+    let stages: Vec<_> =
+        job["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    assert_eq!(stages, ["features", "pairs", "matching", "mapping", "align", "export"]);
+    assert!(job["stages"].as_array().unwrap().iter().all(|stage| stage["state"] == "done"));
+
+    let id = job["id"].as_str().unwrap();
+    let events = events(client, id).await;
+    let numbers: Vec<_> = events.iter().map(|event| event["seq"].as_u64().unwrap()).collect();
+    assert_eq!(numbers, (1..=events.len() as u64).collect::<Vec<_>>());
+    assert_eq!(job["last_event"], events.len());
+    let mut last = 0.0;
+    for event in events.iter().filter(|event| event["type"] == "job.progress") {
+        let fraction = event["data"]["fraction"].as_f64().unwrap();
+        assert!(fraction >= last);
+        last = fraction;
+    }
+    assert_eq!(events.last().unwrap()["data"]["state"], "succeeded");
+    let log = client.get(&format!("/v1/jobs/{id}/log")).await.expect(200);
+    assert!(String::from_utf8_lossy(&log.body).contains("info the map is written"));
+    let report = client.get(&format!("/v1/jobs/{id}/report")).await.expect(303);
+    client.get(report.header("location").unwrap()).await.expect(200);
+
+    client.delete(&format!("/v1/jobs/{id}")).await.expect(204);
+    client.get(&format!("/v1/jobs/{id}")).await.expect(404);
+    let map = job["outputs"]["map_id"].as_str().unwrap();
+    client.get(&format!("/v1/maps/{map}")).await.expect(200);
+}
+
+#[tokio::test]
+async fn the_same_key_is_the_same_job() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let set = client.imageset(&["a.jpg", "b.jpg"]).await;
+    let request = json!({"imageset_ids": [set], "seed": 7});
+    let key = [("Idempotency-Key", "k")];
+    let first = client.json("POST", "/v1/jobs", &key, request.clone()).await.expect(202).json();
+    let second = client.json("POST", "/v1/jobs", &key, request).await.expect(202).json();
+    assert_eq!(first["id"], second["id"]);
+    let list = client.get("/v1/jobs").await.json();
+    assert_eq!(list["items"].as_array().unwrap().len(), 1);
+    let other = json!({"imageset_ids": [second["request"]["imageset_ids"][0]], "seed": 8});
+    client.json("POST", "/v1/jobs", &key, other).await.expect(409);
+}
+
+#[tokio::test]
+async fn a_poison_job_fails_after_its_attempts_and_others_run() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let poison = client.reconstruct(&["crash.jpg", "b.jpg"]).await;
+    let good = client.reconstruct(&["c.jpg", "d.jpg"]).await;
+    let poison = client.finished(&poison).await;
+    assert_eq!(poison["state"], "failed");
+    assert_eq!(poison["attempt"], 3);
+    assert_eq!(poison["error"]["code"], "worker_crashed");
+    let detail = poison["error"]["detail"].as_str().unwrap();
+    assert!(detail.contains("matching") && detail.contains("something terrible"), "{detail}");
+    assert_eq!(client.finished(&good).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn a_refusal_is_final_and_explained() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let id = client.reconstruct(&["refuse.jpg"]).await;
+    let job = client.finished(&id).await;
+    assert_eq!((job["state"].as_str(), job["attempt"].as_u64()), (Some("failed"), Some(1)));
+    assert_eq!(job["error"], json!({"code": "no_overlap", "detail": "none", "hint": "take more"}));
+    let report = client.get(&format!("/v1/jobs/{id}/report")).await.expect(409);
+    assert_eq!(report.code(), "no_report");
+    assert_eq!(client.get("/v1/maps").await.json()["items"], json!([]));
+}
+
+#[tokio::test]
+async fn jobs_are_cancelled_waiting_and_running() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let running = client.reconstruct(&["endless.jpg", "b.jpg"]).await;
+    let waiting = client.reconstruct(&["c.jpg", "d.jpg"]).await;
+    client.wait_for(&running, &["running"]).await;
+    let position = client.job(&waiting).await;
+    assert_eq!((&position["state"], &position["queue_position"]), (&json!("queued"), &json!(0)));
+    for id in [&waiting, &running] {
+        client.post(&format!("/v1/jobs/{id}/cancel"), json!({})).await.expect(202);
+        assert_eq!(client.finished(id).await["state"], "cancelled");
+        let again = client.post(&format!("/v1/jobs/{id}/cancel"), json!({})).await.expect(409);
+        assert_eq!(again.code(), "job_finished");
+    }
+    let retried = client.post(&format!("/v1/jobs/{waiting}/retry"), json!({})).await.expect(202);
+    assert_eq!(retried.json()["error"], Value::Null);
+    assert_eq!(client.finished(&waiting).await["state"], "succeeded");
+    client.post(&format!("/v1/jobs/{waiting}/retry"), json!({})).await.expect(409);
+}
+
+#[tokio::test]
+async fn a_queue_has_an_end() {
+    let server = Server::start_with(|config| config.limits.queued_jobs = 1).await;
+    let client = &server.client;
+    let first = client.reconstruct(&["endless.jpg", "b.jpg"]).await;
+    client.wait_for(&first, &["running"]).await;
+    client.delete(&format!("/v1/jobs/{first}")).await.expect(409);
+    client.reconstruct(&["c.jpg"]).await;
+    let set = client.imageset(&["d.jpg"]).await;
+    let full = client.post("/v1/jobs", json!({"imageset_ids": [set]})).await.expect(429);
+    assert_eq!(full.code(), "queue_full");
+    assert!(full.header("retry-after").is_some());
+}
+
+#[tokio::test]
+async fn a_job_that_runs_too_long_is_ended() {
+    let server = Server::start_with(|c| c.jobs.timeout = Duration::from_millis(500)).await;
+    let job = server.client.reconstruct(&["endless.jpg", "b.jpg"]).await;
+    let job = server.client.finished(&job).await;
+    assert_eq!(job["error"]["code"], "job_timeout");
+}
+
+/// A worker that loses its lease writes nothing more: two services would otherwise finish one job.
+#[tokio::test]
+async fn a_lapsed_lease_is_taken_over_and_the_loser_is_fenced_off() {
+    let server = Server::start_with(|config| {
+        config.jobs.lease = Duration::from_millis(300);
+        // No runner renews its lease.
+        config.jobs.heartbeat = Duration::from_secs(3600);
+        config.jobs.parallel = 4;
+    })
+    .await;
+    let client = &server.client;
+    let job = client.reconstruct(&["endless.jpg", "b.jpg"]).await;
+    let job = client.finished(&job).await;
+    assert_eq!(job["state"], "failed");
+    assert_eq!(job["error"]["code"], "worker_lost");
+    assert_eq!(job["attempt"], 3);
+    let claims = events(client, job["id"].as_str().unwrap()).await;
+    let claims = claims.iter().filter(|event| event["data"]["state"] == "running").count();
+    assert_eq!(claims, 3);
+}
+
+#[tokio::test]
+async fn a_partial_map_does_not_replace_a_good_one() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let set = client.imageset(&["partial.jpg", "b.jpg"]).await;
+    let request = json!({"imageset_ids": [set], "map_id": map});
+    let job = client.post("/v1/jobs", request).await.expect(202).json();
+    let job = client.finished(job["id"].as_str().unwrap()).await;
+    assert_eq!(job["state"], "partial");
+    assert_eq!(job["outputs"], json!({"map_id": map, "version": 2}));
+    let map = client.get(&format!("/v1/maps/{map}")).await.json();
+    assert_eq!((&map["active_version"], &map["latest_version"]), (&json!(1), &json!(2)));
+}
+
+#[tokio::test]
+async fn a_stop_puts_the_job_back_and_costs_it_no_attempt() {
+    let server = Server::start().await;
+    let client = server.client.clone();
+    let job = client.reconstruct(&["slow-1.jpg", "slow-2.jpg"]).await;
+    client.wait_for(&job, &["running"]).await;
+    server.running.stop().await;
+    let again = volery_server::start(support::config(&server.folder.0.join("data"))).await.unwrap();
+    let client = Client { addr: again.addr, ..client };
+    let job = client.finished(&job).await;
+    assert_eq!((job["state"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(1)));
+    again.stop().await;
+}

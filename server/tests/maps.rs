@@ -1,0 +1,154 @@
+//! Maps: versions, exports, alignment, localization.
+
+mod support;
+
+use serde_json::{Value, json};
+use support::{Server, photo};
+
+#[tokio::test]
+async fn exports_have_tags_and_ranges() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let path = format!("/v1/maps/{map}/export/sparse.ply");
+    let whole = client.get(&path).await.expect(200);
+    assert_eq!(whole.body, b"0123456789");
+    let etag = whole.header("etag").unwrap().to_owned();
+    let known = client.send("GET", &path, &[("If-None-Match", &etag)], b"").await.expect(304);
+    assert!(known.body.is_empty());
+    client.send("GET", &path, &[("If-None-Match", "\"other\"")], b"").await.expect(200);
+
+    let part = client.send("GET", &path, &[("Range", "bytes=2-4")], b"").await.expect(206);
+    assert_eq!(part.body, b"234");
+    assert_eq!(part.header("content-range"), Some("bytes 2-4/10"));
+    let outside = client.send("GET", &path, &[("Range", "bytes=10-")], b"").await.expect(416);
+    assert_eq!(outside.code(), "range_not_satisfiable");
+    let changed = [("Range", "bytes=2-4"), ("If-Range", "\"other\"")];
+    client.send("GET", &path, &changed, b"").await.expect(200);
+    let same = [("Range", "bytes=2-4"), ("If-Range", &etag[..])];
+    client.send("GET", &path, &same, b"").await.expect(206);
+
+    for (name, start) in [
+        ("poses.csv", &b"image,"[..]),
+        ("colmap.zip", b"PK"),
+        ("colmap_bin.zip", b"PK"),
+        ("map.glb", b"exported"),
+        ("transforms.json", b"exported"),
+        ("report.html", b"<p>"),
+    ] {
+        let path = format!("/v1/maps/{map}/export/{name}");
+        let first = client.get(&path).await.expect(200);
+        assert!(first.body.starts_with(start), "{name}");
+        let again = client.get(&path).await.expect(200);
+        assert_eq!(first.header("etag"), again.header("etag"), "{name}: equal maps, equal bytes");
+    }
+    let none = client.get(&format!("/v1/maps/{map}/export/secret.txt")).await.expect(404);
+    assert_eq!(none.code(), "not_found");
+    for path in ["..%2f..%2fvolery.db", "%2e%2e/%2e%2e/volery.db"] {
+        client.get(&format!("/v1/maps/{map}/export/{path}")).await.expect(404);
+    }
+    let html = client.get(&format!("/v1/maps/{map}/export/report.html")).await;
+    assert!(html.header("content-security-policy").unwrap().starts_with("sandbox"));
+}
+
+#[tokio::test]
+async fn an_alignment_is_a_new_version_and_the_old_one_stays() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let path = format!("/v1/maps/{map}/align");
+    let align = json!({"known_distance": {"image_a": "a.jpg", "image_b": "b.jpg", "meters": 3.0}});
+    let key = [("Idempotency-Key", "scale")];
+    let made = client.json("POST", &path, &key, align.clone()).await.expect(201).json();
+    assert_eq!(made["version"]["version"], 2);
+    assert_eq!(made["version"]["parent_version"], 1);
+    assert_eq!(made["version"]["info"]["scale"]["metric"], true);
+    assert_eq!(made["residuals"]["rms_m"], 0.01);
+    let again = client.json("POST", &path, &key, align).await.expect(201).json();
+    assert_eq!(again, made, "the same key makes no third version");
+
+    let old = client.get(&format!("/v1/maps/{map}/export/map.json?version=1")).await.expect(200);
+    assert_eq!(old.json()["scale"]["metric"], false);
+    let versions = client.get(&format!("/v1/maps/{map}/versions")).await.json();
+    assert_eq!(versions["items"].as_array().unwrap().len(), 2);
+    let back = client.post(&format!("/v1/maps/{map}/activate"), json!({"version": 1})).await;
+    assert_eq!(back.expect(200).json()["active_version"], 1);
+    client.post(&format!("/v1/maps/{map}/activate"), json!({"version": 9})).await.expect(404);
+
+    for (align, code) in [
+        (
+            json!({"sim3": {"rotation": [2, 0, 0, 0], "translation": [0, 0, 0], "scale": 1}}),
+            "bad_alignment",
+        ),
+        (
+            json!({"known_distance": {"image_a": "a", "image_b": "b", "meters": -1}}),
+            "bad_alignment",
+        ),
+        (json!({"control_points": []}), "bad_alignment"),
+        (json!({"magic": {}}), "invalid_body"),
+        (
+            json!({"sim3": {"rotation": [1, 0, 0, 0], "translation": [0, 0, 0], "scale": 1,
+            "scael": 2}}),
+            "unknown_field",
+        ),
+    ] {
+        assert_eq!(client.post(&path, align).await.expect(422).code(), code);
+    }
+}
+
+#[tokio::test]
+async fn a_photo_is_answered_with_a_pose_or_a_reason() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let path = format!("/v1/maps/{map}/localize");
+    let jpeg = [("Content-Type", "image/jpeg")];
+    let answer = client.send("POST", &path, &jpeg, &photo("here")).await.expect(200).json();
+    assert_eq!(answer["status"], "ok");
+    assert_eq!(answer["frame"], "map");
+    assert_eq!((&answer["map_id"], &answer["map_version"]), (&json!(map), &json!(1)));
+    assert_eq!(answer["pose"]["position"], json!([1.0, 2.0, 3.0]));
+    assert!(answer["timings"]["total_ms"].as_f64().unwrap() > 0.0);
+
+    let answer = client.send("POST", &path, &jpeg, &photo("nowhere")).await.expect(200).json();
+    assert_eq!(answer["status"], "not_found");
+    assert_eq!(answer["reason"], "too_few_matches");
+    assert_eq!(answer["pose"], Value::Null);
+
+    let camera = json!({"model": "PINHOLE", "width": 640, "height": 480,
+        "params": [500, 500, 320, 240]})
+    .to_string();
+    let with_camera = [("Content-Type", "image/jpeg"), ("X-Camera", &camera[..])];
+    client.send("POST", &path, &with_camera, &photo("here")).await.expect(200);
+    let form = [("Content-Type", "multipart/form-data; boundary=cut")];
+    let part = |name: &str, text: &str| {
+        format!("--cut\r\nContent-Disposition: form-data; name=\"{name}\"\r\n\r\n{text}\r\n")
+    };
+    let mut body = part("camera", &camera).into_bytes();
+    body.extend(part("prior", r#"{"yaw":{"yaw":0.5,"sigma":0.1}}"#).into_bytes());
+    body.extend(b"--cut\r\nContent-Disposition: form-data; name=\"image\"\r\n\r\n");
+    body.extend([photo("here"), b"\r\n--cut--\r\n".to_vec()].concat());
+    client.send("POST", &path, &form, &body).await.expect(200);
+
+    let cut = client.send("POST", &path, &jpeg, &photo("truncated")).await.expect(422);
+    assert_eq!(cut.code(), "truncated");
+    let died = client.send("POST", &path, &jpeg, &photo("die")).await.expect(503);
+    assert_eq!(died.code(), "worker_died");
+    client.send("POST", &path, &jpeg, &photo("here")).await.expect(200);
+    assert_eq!(client.send("POST", &path, &jpeg, b"").await.expect(422).code(), "empty_file");
+}
+
+#[tokio::test]
+async fn poses_of_a_map_are_listed() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let cameras = client.get(&format!("/v1/maps/{map}/cameras")).await.expect(200).json();
+    assert_eq!(cameras["images"][0]["image"], "a.jpg");
+    assert_eq!(cameras["images"][0]["pose"]["position"], json!([1.0, 2.0, 3.0]));
+    let path = format!("/v1/maps/{map}");
+    let renamed = client.json("PATCH", &path, &[], json!({"name": "yard"}));
+    assert_eq!(renamed.await.expect(200).json()["name"], "yard");
+    client.delete(&format!("/v1/maps/{map}")).await.expect(204);
+    client.get(&format!("/v1/maps/{map}")).await.expect(404);
+}
