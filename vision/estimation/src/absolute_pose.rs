@@ -1,5 +1,6 @@
 //! Camera pose from 2D–3D correspondences.
 
+mod focal;
 mod refinement;
 mod sampling;
 
@@ -7,6 +8,7 @@ use nalgebra::{Isometry3, Matrix6, Point2, Point3};
 use volery_geometry::Camera;
 
 use crate::ransac::{Random, RansacOptions, lo_ransac};
+pub use focal::estimate_absolute_pose_and_focal;
 pub use refinement::{RefinedPose, refine_absolute_pose};
 use sampling::PoseEstimator;
 

@@ -11,7 +11,8 @@ pub mod two_view;
 mod test_scene;
 
 pub use absolute_pose::{
-    AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, estimate_absolute_pose,
+    AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, RefinedPose, estimate_absolute_pose,
+    estimate_absolute_pose_and_focal, refine_absolute_pose,
 };
 pub use bundle_adjustment::{
     BundleError, BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, adjust_bundle,

@@ -143,14 +143,14 @@ fn covariance(
 
 /// Median-based standard deviation per coordinate from squared norms of two-dimensional
 /// residuals: the median of χ²₂ is 2 ln 2.
-fn robust_sigma(mut squared: Vec<f64>) -> f64 {
+pub(super) fn robust_sigma(mut squared: Vec<f64>) -> f64 {
     let middle = squared.len() / 2;
     let (_, median, _) = squared.select_nth_unstable_by(middle, f64::total_cmp);
     (*median / (2.0 * std::f64::consts::LN_2)).sqrt()
 }
 
 /// Residual and the rows of its derivative by a left perturbation.
-fn linearized(
+pub(super) fn linearized(
     camera: &Camera,
     pose: &Isometry3<f64>,
     point: &Point3<f64>,
@@ -168,7 +168,7 @@ fn linearized(
 }
 
 /// `exp(ξ) · pose` to first order, the rotation exactly.
-fn perturb(pose: &Isometry3<f64>, step: &SVector<f64, 6>) -> Isometry3<f64> {
+pub(super) fn perturb(pose: &Isometry3<f64>, step: &SVector<f64, 6>) -> Isometry3<f64> {
     let omega = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
     let tau = Vector3::new(step[3], step[4], step[5]);
     Isometry3::from_parts((omega * pose.translation.vector + tau).into(), omega * pose.rotation)

@@ -200,3 +200,25 @@ fn far_from_the_origin_is_as_good() {
     let truth = volery_geometry::triangulation::camera_center(&view.cam_from_world) + shift;
     assert!((center - truth).norm() < 0.02, "{}", (center - truth).norm());
 }
+
+/// EXIF focal lengths are 5-8 % off, defaults more.
+#[test]
+fn a_wrong_focal_length_is_mended() {
+    let truth = camera();
+    for (seed, guess) in [(0, 914.0 * 0.94), (1, 914.0 * 1.3), (2, 914.0 * 0.7), (3, 914.0)] {
+        let mut random = Random::new(seed);
+        let view = view(&mut random, &truth, 150, 80, 0.7);
+        let guessed = Camera::from_focal(CameraModel::Pinhole, 1280, 960, guess).unwrap();
+        let (found, camera) = estimate_absolute_pose_and_focal(
+            &view.pixels,
+            &view.points,
+            &guessed,
+            &AbsolutePoseOptions::default(),
+            seed,
+        )
+        .unwrap();
+        assert!((camera.mean_focal() / 914.0 - 1.0).abs() < 0.03, "{}", camera.mean_focal());
+        let e = error(&found.cam_from_world, &view.cam_from_world);
+        assert!(e.norm() < 0.15, "seed {seed}: {}", e.norm());
+    }
+}

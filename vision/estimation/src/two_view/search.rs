@@ -15,8 +15,8 @@ const FAILURE_PROBABILITY: f64 = 1e-3;
 const MIN_ITERATIONS: usize = 20;
 /// Samples spent on a pair without a good hypothesis. A pair of few matches is most often not a
 /// pair at all.
-const MAX_ITERATIONS: usize = 2000;
-const MAX_ITERATIONS_OF_FEW: usize = 600;
+const MAX_ITERATIONS: usize = 1500;
+const MAX_ITERATIONS_OF_FEW: usize = 300;
 const FEW_MATCHES: usize = 100;
 /// Inlier ratios below this are not searched for.
 const MIN_INLIER_RATIO: f64 = 0.2;
