@@ -134,7 +134,7 @@ impl<E: Estimator> Search<'_, E> {
     fn consider(&mut self, model: &E::Model) {
         let bound = self.best.as_ref().map_or(f64::INFINITY, |(_, score)| score.cost);
         let score = self.estimator.score(model, bound);
-        if !(score.cost < bound) {
+        if score.cost.is_nan() || score.cost >= bound {
             return;
         }
         let mut best = (model.clone(), score);

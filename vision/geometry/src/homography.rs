@@ -22,7 +22,7 @@ pub struct PlanarMotion {
 pub fn poses_from_homography(homography: &Matrix3<f64>) -> Option<[PlanarMotion; 4]> {
     let svd = homography.try_svd(false, true, f64::EPSILON, 100)?;
     let (s, v_t) = (svd.singular_values, svd.v_t?);
-    if !(s[2] > 1e-12 * s[0]) {
+    if s[2].is_nan() || s[2] <= 1e-12 * s[0] {
         return None;
     }
     // Middle singular value one; points stay in front of camera 2.

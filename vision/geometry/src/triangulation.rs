@@ -81,7 +81,7 @@ fn reprojection_normal(
     let (mut cost, mut hessian, mut gradient) = (0.0, Matrix3::zeros(), Vector3::zeros());
     for (pose, xy) in cam_from_world.iter().zip(xy) {
         let p = pose * point;
-        if !(p.z > 0.0) {
+        if p.z.is_nan() || p.z <= 0.0 {
             return None;
         }
         let (u, v) = (p.x / p.z, p.y / p.z);

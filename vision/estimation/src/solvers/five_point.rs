@@ -156,7 +156,8 @@ fn reduce(mut m: [Cubic; 10]) -> Option<[[f64; 10]; 6]> {
         let pivot = (column..10)
             .max_by(|&i, &j| m[i][column].abs().total_cmp(&m[j][column].abs()))
             .unwrap_or(column);
-        if !(m[pivot][column].abs() > 1e-14) {
+        let size = m[pivot][column].abs();
+        if size.is_nan() || size <= 1e-14 {
             return None;
         }
         m.swap(column, pivot);

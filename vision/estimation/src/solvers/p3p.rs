@@ -33,7 +33,8 @@ pub fn p3p(bearings: &[Vector3<f64>; 3], points: &[Point3<f64>; 3]) -> ArrayVec<
         bearings[1].dot(&bearings[2]),
     ];
     let normal = edge[0].cross(&edge[1]);
-    if !(normal.norm_squared() > 1e-20 * a[0] * a[1]) || !(a[2] > 0.0) {
+    let is_triangle = normal.norm_squared() > 1e-20 * a[0] * a[1] && a[2] > 0.0;
+    if !is_triangle {
         return poses;
     }
     let [m12, m13, m23] = [
@@ -76,7 +77,7 @@ fn split_line_pair(conic: &Matrix3<f64>) -> Option<[Vector3<f64>; 2]> {
     let b = -adjugate(conic);
     let i = b.diagonal().imax();
     let diagonal = b[(i, i)];
-    if !(diagonal > 0.0) {
+    if diagonal.is_nan() || diagonal <= 0.0 {
         return None;
     }
     let p = b.column(i) / diagonal.sqrt();
@@ -117,13 +118,13 @@ fn depths_on_line(
     let size = |q: &[f64; 3]| q.iter().map(|v| v.abs()).sum::<f64>();
     let [qa, qb, qc] = if size(&q1) >= size(&q2) { q1 } else { q2 };
     for ratio in quadratic_roots(qa, qb, qc) {
-        if !(ratio > 0.0) {
+        if ratio.is_nan() || ratio <= 0.0 {
             continue;
         }
         let direction = on_j * ratio + on_k;
         let (l2, l3) = (direction[1], direction[2]);
         let scale2 = l2 * l2 + l3 * l3 - 2.0 * cosine[2] * l2 * l3;
-        if !(scale2 > 0.0) {
+        if scale2.is_nan() || scale2 <= 0.0 {
             continue;
         }
         let depth = direction * (a23 / scale2).sqrt();

@@ -149,7 +149,7 @@ impl Chain {
                 }
             }
             let size = rest[..m].iter().fold(0.0f64, |s, c| s.max(c.abs()));
-            if !(size > 1e-300) {
+            if size <= 1e-300 {
                 break;
             }
             let mut degree = m - 1;

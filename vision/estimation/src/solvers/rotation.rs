@@ -29,7 +29,7 @@ pub fn rotation_from_bearings(
     }
     let svd = covariance.try_svd(true, true, f64::EPSILON, 100)?;
     let (u, v_t, d) = (svd.u?, svd.v_t?, svd.singular_values);
-    if !(d[1] > 1e-12 * d[0]) {
+    if d[1].is_nan() || d[1] <= 1e-12 * d[0] {
         return None;
     }
     let s = Vector3::new(1.0, 1.0, (u.determinant() * v_t.determinant()).signum());

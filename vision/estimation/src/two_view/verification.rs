@@ -43,7 +43,8 @@ impl<'a> Verification<'a> {
     ) -> Option<Self> {
         // The five- and seven-point solvers explain their own samples.
         let min_inliers = options.min_inliers.max(8);
-        if !(options.max_error_px > 0.0) || matches.len() < min_inliers {
+        let usable_threshold = options.max_error_px > 0.0;
+        if !usable_threshold || matches.len() < min_inliers {
             return None;
         }
         let num_putative = matches.len();
