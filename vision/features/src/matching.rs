@@ -77,3 +77,6 @@ fn is_distinct(nearest: &Nearest, max_ratio: f32) -> bool {
         .second_similarity
         .is_none_or(|second| -f64::from(nearest.similarity) < squared_ratio * -f64::from(second))
 }
+
+#[cfg(test)]
+mod tests;

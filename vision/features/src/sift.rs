@@ -170,3 +170,6 @@ fn find_candidates(simd: SimdLevel, octaves: &[Octave], options: &SiftOptions) -
     }
     candidates
 }
+
+#[cfg(test)]
+mod tests;

@@ -33,7 +33,7 @@ pub(super) struct Thresholds {
     pub(super) edge: f32,
 }
 
-/// Extrema of one octave, by row, then level, then column.
+/// Extrema of one octave, each once, by row, then column, then level.
 pub(super) fn find_extrema(
     simd: SimdLevel,
     levels: &[Plane; NUM_LEVELS],
@@ -84,6 +84,13 @@ pub(super) fn find_extrema(
             }
         }
     }
+    // Neighboring samples may lead to one extremum.
+    let key = |e: &Extremum| (e.y, e.x, e.level);
+    extrema.sort_by(|a, b| {
+        let (a, b) = (key(a), key(b));
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2))
+    });
+    extrema.dedup_by_key(|e| key(e));
     extrema
 }
 
