@@ -11,7 +11,7 @@ pub fn repository_root() -> PathBuf {
     here.parent().expect("the package lies in the workspace").to_path_buf()
 }
 
-/// `cargo metadata` of what is built on this machine, as it is locked, without the network.
+/// `cargo metadata` of what is built on this machine, as it is locked.
 pub fn cargo_metadata() -> Result<Value, String> {
     let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let version = run(Command::new(rustc).arg("-vV"))?;
@@ -19,7 +19,7 @@ pub fn cargo_metadata() -> Result<Value, String> {
     let host = host.ok_or("rustc does not tell its host")?;
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let metadata = run(Command::new(cargo)
-        .args(["metadata", "--format-version", "1", "--offline", "--filter-platform", host])
+        .args(["metadata", "--format-version", "1", "--locked", "--filter-platform", host])
         .current_dir(repository_root()))?;
     serde_json::from_str(&metadata).map_err(|error| error.to_string())
 }

@@ -65,6 +65,7 @@ pub fn map_scene(scene: &PointScene, seed: u64) -> Result<Reconstruction, Recons
 }
 
 /// Errors of the map against the truth of the scene; `None` without a map that can be aligned.
+/// Centers that move by centimeters say nothing of the rotation, so the orientations fix it.
 pub fn judge(scene: &PointScene, reconstruction: &Reconstruction) -> Option<Evaluation> {
-    evaluate(&poses_of(reconstruction.models.first()?), &truth_of(scene), Alignment::Centers)
+    evaluate(&poses_of(reconstruction.models.first()?), &truth_of(scene), Alignment::Orientations)
 }

@@ -5,6 +5,7 @@
 
 pub mod alignment;
 pub mod camera;
+pub mod camera_model;
 pub mod epipolar;
 pub mod frames;
 pub mod homography;
