@@ -1,6 +1,6 @@
 //! Start and end of the service.
 
-use std::{fs::File, io::Write, net::SocketAddr, sync::Arc};
+use std::{fs::File, io::Write, net::SocketAddr, sync::Arc, time::Duration};
 
 use rustix::fs::{FlockOperation, flock};
 use tokio::{net::TcpListener, task::JoinHandle};
@@ -14,6 +14,9 @@ use crate::{
     jobs,
     state::App,
 };
+
+/// Age at which a file that nothing refers to is deleted: no upload takes as long.
+const BLOB_AGE: Duration = Duration::from_secs(24 * 3600);
 
 /// Why the service does not run.
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +102,7 @@ pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
     let tasks = vec![
         tokio::spawn(accept::accept(listener, router, Arc::clone(&app))),
         tokio::spawn(jobs::run_jobs(Arc::clone(&app))),
+        tokio::spawn(collect_blobs(Arc::clone(&app))),
     ];
     tracing::info!(%addr, "listening on {addr}");
     Ok(RunningServer { addr, admin_token, app, tasks, _lock: lock })
@@ -118,6 +122,22 @@ pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result
     shutdown.await;
     server.stop().await;
     Ok(())
+}
+
+/// Frees the space of what was deleted, once an hour.
+async fn collect_blobs(app: Arc<App>) {
+    let mut hour = tokio::time::interval(Duration::from_secs(3600));
+    loop {
+        tokio::select! {
+            _ = hour.tick() => {}
+            () = app.closing.cancelled() => return,
+        }
+        match app.store.collect_blobs(&app.blobs, BLOB_AGE).await {
+            Ok(0) => {}
+            Ok(deleted) => tracing::info!("deleted {deleted} files that nothing refers to"),
+            Err(error) => tracing::warn!(error = %error.detail, "cannot delete old files"),
+        }
+    }
 }
 
 async fn first_token(app: &App) -> ApiResult<Option<String>> {

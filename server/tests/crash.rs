@@ -14,6 +14,8 @@ use serde_json::Value;
 use support::{Client, Folder, photo};
 
 const DATA: &str = "VOLERY_TEST_DATA";
+/// A worker program other than the fake one, for tries by hand.
+const PROGRAM: &str = "VOLERY_TEST_WORKER";
 const KILLS: u32 = 12;
 
 /// Not a test by itself: the service that the test below kills.
@@ -21,7 +23,11 @@ const KILLS: u32 = 12;
 async fn service_to_be_killed() {
     let Ok(data) = std::env::var(DATA) else { return };
     let data = Path::new(&data);
-    let server = volery_server::start(support::config(data)).await.unwrap();
+    let mut config = support::config(data);
+    if let Some(program) = std::env::var_os(PROGRAM) {
+        config.worker_program = program.into();
+    }
+    let server = volery_server::start(config).await.unwrap();
     if let Some(token) = &server.admin_token {
         std::fs::write(data.join("token"), token).unwrap();
     }

@@ -7,9 +7,12 @@ use std::{
     fs::{self, File},
     io::{self, Read, Write},
     path::{Path, PathBuf},
+    sync::Arc,
+    time::SystemTime,
 };
 
 use sha2::{Digest, Sha256};
+use tokio::sync::RwLock;
 use uuid::Uuid;
 use volery_api::MapFile;
 
@@ -19,6 +22,8 @@ pub(crate) struct Blobs {
     blobs: PathBuf,
     tmp: PathBuf,
     reserve: u64,
+    /// Read while a blob comes into place, written while old ones are deleted.
+    pub(super) gate: Arc<RwLock<()>>,
 }
 
 /// A blob that is safe on the disk.
@@ -42,12 +47,17 @@ impl Blobs {
         }
         sync_folder(&blobs)?;
         sync_folder(data)?;
-        Ok(Self { blobs, tmp, reserve })
+        Ok(Self { blobs, tmp, reserve, gate: Arc::default() })
     }
 
     /// Where a blob is; `sha256` comes from a row or from [`Self::put`].
     pub(crate) fn path(&self, sha256: &str) -> PathBuf {
         self.blobs.join(sha256.get(..2).unwrap_or("00")).join(sha256)
+    }
+
+    /// Where the blobs are whose hash begins with `prefix`.
+    pub(super) fn folder(&self, prefix: u8) -> PathBuf {
+        self.blobs.join(format!("{prefix:02x}"))
     }
 
     /// A file name that nobody uses, on the file system of the blobs.
@@ -101,7 +111,10 @@ impl Blobs {
         }
         let sha256 = hex(&hash.finalize());
         let path = self.path(&sha256);
+        let _gate = self.gate.blocking_read();
         if fs::metadata(&path).is_ok_and(|known| known.len() == size) {
+            // Young again: nothing deletes it before its new row comes.
+            File::open(&path)?.set_modified(SystemTime::now())?;
             fs::remove_file(temporary)?;
         } else {
             file.sync_all()?;

@@ -2,6 +2,7 @@
 
 pub(crate) mod blobs;
 mod cameras;
+mod collect;
 mod events;
 mod imagesets;
 mod jobs;

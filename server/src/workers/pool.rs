@@ -43,6 +43,10 @@ pub(crate) enum PoolError {
 impl From<PoolError> for ApiError {
     fn from(error: PoolError) -> Self {
         let code = match error {
+            // What the service handed over is at fault, not what the client sent.
+            PoolError::Refused(failure) if matches!(&*failure.code, "io" | "bad_map") => {
+                return Self::internal(failure.detail);
+            }
             PoolError::Refused(failure) => return failure.into(),
             PoolError::Died => "worker_died",
             PoolError::TimedOut(_) => "worker_timeout",
