@@ -7,9 +7,9 @@ mod parallax;
 pub mod positioning;
 pub mod rotation_averaging;
 mod starts;
-pub mod triplets;
 #[cfg(test)]
 mod tests;
+pub mod triplets;
 
 use nalgebra::{Unit, Vector3};
 use volery_estimation::BundleOptions;
@@ -17,7 +17,7 @@ use volery_geometry::Camera;
 use volery_geometry::frames::enu_from_camera;
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry, TwoViewKind};
 
-pub use positioning::{Positions, PositioningOptions, RayObservation, position_globally};
+pub use positioning::{PositioningOptions, Positions, RayObservation, position_globally};
 pub use rotation_averaging::{RotationAverage, RotationEdge, average_rotations};
 pub use triplets::weigh_by_triplets;
 
@@ -53,7 +53,8 @@ pub fn map_globally(
     progress: &dyn Progress,
 ) -> Result<Vec<SparseModel>, Cancelled> {
     progress.check()?;
-    let sound: Vec<TwoViewGeometry> = pairs.iter().filter(|p| is_sound(p, images)).cloned().collect();
+    let sound: Vec<TwoViewGeometry> =
+        pairs.iter().filter(|p| is_sound(p, images)).cloned().collect();
     let first = Input { images, cameras, pairs: &sound, options };
     let empty = WorkingModel::new(first, start.to_vec(), &[], vec![true; images.len()]);
     let average = rotations(&empty, images);
@@ -67,8 +68,7 @@ pub fn map_globally(
     let options = MapperOptions { min_angle: options.min_angle.min(MIN_ANGLE), ..*options };
     let input = Input { images, cameras, pairs: &agreeing, options: &options };
     let tracks = build_tracks(images, &agreeing);
-    let mut model =
-        WorkingModel::new(input, start.to_vec(), &tracks, vec![true; images.len()]);
+    let mut model = WorkingModel::new(input, start.to_vec(), &tracks, vec![true; images.len()]);
     progress.report(Stage::Mapping, 0, images.len());
     if average.cam_from_world.iter().flatten().count() < MIN_IMAGES
         || !model.position(&average.cam_from_world, progress)?
@@ -77,6 +77,7 @@ pub fn map_globally(
     }
     progress.check()?;
     model.adjust_coarsely(progress)?;
+    model.renew_points(progress)?;
     if !has_parallax(&model) {
         return Ok(Vec::new());
     }
@@ -152,6 +153,19 @@ impl WorkingModel<'_> {
         }
         self.activate_within(self.input.options.max_error_px);
         Ok(())
+    }
+
+    /// Makes every point anew from the poses: one that ran off during the adjustments would never
+    /// come back by small steps, and its pull bends the poses.
+    fn renew_points(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
+        for track in &mut self.tracks {
+            track.clear();
+        }
+        let all: Vec<usize> = (0..self.tracks.len()).collect();
+        self.triangulate_tracks(&all);
+        let options =
+            BundleOptions { max_iterations: 30, loss_scale_px: Some(1.0), cost_tolerance: 1e-5 };
+        self.adjust_all(&options, progress)
     }
 
     /// Lets exactly the sightings within `max_error_px` of their point take part.

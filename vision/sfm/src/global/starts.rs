@@ -52,7 +52,10 @@ impl WorkingModel<'_> {
                 }
             };
             let mut problem = self.bundle_problem(rotations, &tracks, positions);
-            let cost = adjust_start(&mut problem, progress)?;
+            // A sphere is within pixels of the truth where it helps at all; a wide loss would let
+            // points run off.
+            let losses = if start == 0 { &START_LOSSES_PX[1..] } else { &START_LOSSES_PX };
+            let cost = adjust_start(&mut problem, losses, progress)?;
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                 best = Some((cost, problem));
             }
@@ -156,9 +159,13 @@ impl WorkingModel<'_> {
 }
 
 /// Adjusts with a loss that narrows, rotations held near the averaged ones. Returns the cost.
-fn adjust_start(problem: &mut BundleProblem, progress: &dyn Progress) -> Result<f64, Cancelled> {
+fn adjust_start(
+    problem: &mut BundleProblem,
+    losses_px: &[f64],
+    progress: &dyn Progress,
+) -> Result<f64, Cancelled> {
     let mut cost = f64::INFINITY;
-    for loss_scale_px in START_LOSSES_PX {
+    for &loss_scale_px in losses_px {
         let options = BundleOptions {
             max_iterations: 50,
             loss_scale_px: Some(loss_scale_px),
