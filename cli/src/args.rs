@@ -1,8 +1,9 @@
 //! The command line.
 
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use uuid::Uuid;
 use volery_pipeline::{Preset, StageGroup};
 use volery_scene::{KnownDistance, OriginRule};
 
@@ -26,6 +27,45 @@ pub(crate) enum Command {
     Reconstruct(ReconstructArgs),
     /// Find the poses of photos in a map.
     Localize(LocalizeArgs),
+    /// Run the ground station.
+    Serve(ServeArgs),
+    /// Upload photos to a server.
+    Upload(UploadArgs),
+    /// Jobs of a server.
+    Jobs {
+        #[command(flatten)]
+        server: ServerArgs,
+        /// What to do; lists all jobs when absent.
+        #[command(subcommand)]
+        command: Option<JobsCommand>,
+    },
+    /// Maps of a server.
+    Maps {
+        #[command(flatten)]
+        server: ServerArgs,
+        /// What to do; lists all maps when absent.
+        #[command(subcommand)]
+        command: Option<MapsCommand>,
+    },
+    /// Download a file of a map: colmap.zip, sparse.ply, map.glb, transforms.json, ...
+    Export {
+        #[command(flatten)]
+        server: ServerArgs,
+        /// Of the map.
+        map: Uuid,
+        /// Name of the export.
+        name: String,
+        /// The active version when absent.
+        #[arg(long)]
+        version: Option<u32>,
+        /// File to write; by default the name of the export.
+        #[arg(short, long)]
+        out: Option<PathBuf>,
+    },
+    /// Check this machine, and a server if one is named.
+    Doctor(DoctorArgs),
+    /// Scan, map and localize in a synthetic hall, as a service; writes a report with pictures.
+    Demo(DemoArgs),
     /// Do the job in a work folder; the server runs this.
     #[command(hide = true)]
     RunJob {
@@ -38,6 +78,156 @@ pub(crate) enum Command {
     /// Localize images for the server.
     #[command(hide = true)]
     RunLocalizer,
+}
+
+/// Which server, and who asks.
+#[derive(Debug, Args)]
+pub(crate) struct ServerArgs {
+    /// Address of the server.
+    #[arg(long, env = "VOLERY_SERVER", default_value = "http://127.0.0.1:8420", global = true)]
+    pub(crate) server: String,
+    /// Token; the environment keeps it out of the list of processes.
+    #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true, global = true)]
+    pub(crate) token: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ServeArgs {
+    /// Folder of the database, the photos and the maps.
+    #[arg(long, default_value = "volery-data")]
+    pub(crate) data: PathBuf,
+    /// Where to listen.
+    #[arg(long, default_value = "127.0.0.1:8420")]
+    pub(crate) listen: SocketAddr,
+    /// Requests from this machine need no token; only with a loopback address.
+    #[arg(long)]
+    pub(crate) loopback_without_token: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct UploadArgs {
+    #[command(flatten)]
+    pub(crate) server: ServerArgs,
+    /// Folders of photos, photos, or zip archives.
+    #[arg(required = true)]
+    pub(crate) photos: Vec<PathBuf>,
+    /// Image set to add to; a new one when absent.
+    #[arg(long)]
+    pub(crate) imageset: Option<Uuid>,
+    /// Name of a new image set.
+    #[arg(long, default_value = "photos")]
+    pub(crate) name: String,
+    /// Calibration of the photos.
+    #[arg(long, conflicts_with = "imageset")]
+    pub(crate) camera: Option<PathBuf>,
+    /// Telemetry of the photos.
+    #[arg(long)]
+    pub(crate) telemetry: Option<PathBuf>,
+    /// Submit a reconstruction of the set and wait for it.
+    #[arg(long)]
+    pub(crate) reconstruct: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum JobsCommand {
+    /// Submit a reconstruction.
+    Submit {
+        /// Whose photos to use.
+        #[arg(required = true)]
+        imagesets: Vec<Uuid>,
+        /// The map that gets a new version; a new map when absent.
+        #[arg(long)]
+        map: Option<Uuid>,
+        /// Name of a new map.
+        #[arg(long)]
+        name: Option<String>,
+        /// Effort.
+        #[arg(long, value_enum, default_value = "balanced")]
+        preset: PresetArg,
+        /// Seed of all random choices.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        /// Measured distance between the cameras of two photos; may be repeated.
+        #[arg(long, value_name = "A,B,METERS", value_parser = known_distance)]
+        known_distance: Vec<KnownDistance>,
+        /// Wait for its end.
+        #[arg(long)]
+        wait: bool,
+    },
+    /// Show a job.
+    Show {
+        /// Of the job.
+        id: Uuid,
+    },
+    /// Follow a job to its end.
+    Watch {
+        /// Of the job.
+        id: Uuid,
+    },
+    /// Ask a job to stop.
+    Cancel {
+        /// Of the job.
+        id: Uuid,
+    },
+    /// Run an ended job again.
+    Retry {
+        /// Of the job.
+        id: Uuid,
+    },
+    /// Print the log of a job.
+    Log {
+        /// Of the job.
+        id: Uuid,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum MapsCommand {
+    /// Show a map.
+    Show {
+        /// Of the map.
+        id: Uuid,
+    },
+    /// List the versions of a map.
+    Versions {
+        /// Of the map.
+        id: Uuid,
+    },
+    /// Make a version the one that answers.
+    Activate {
+        /// Of the map.
+        id: Uuid,
+        /// An existing version.
+        version: u32,
+    },
+    /// Forget a map with all its versions.
+    Delete {
+        /// Of the map.
+        id: Uuid,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArgs {
+    /// Address of a server to check too.
+    #[arg(long, env = "VOLERY_SERVER")]
+    pub(crate) server: Option<String>,
+    /// Token.
+    #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true)]
+    pub(crate) token: Option<String>,
+    /// Folder whose disk is checked.
+    #[arg(long, default_value = ".")]
+    pub(crate) data: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DemoArgs {
+    /// Folder of photos, data and report; what an earlier demo left in it is replaced.
+    #[arg(short, long, default_value = "volery-demo")]
+    pub(crate) out: PathBuf,
+    /// Of the hall and the flight.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
 }
 
 #[derive(Debug, Args)]
@@ -88,6 +278,18 @@ pub(crate) struct LocalizeArgs {
     /// Map folder (unless --server is given), then photos or folders of photos.
     #[arg(required = true)]
     pub(crate) paths: Vec<PathBuf>,
+    /// Ask this server instead of a map folder.
+    #[arg(long, requires = "map")]
+    pub(crate) server: Option<String>,
+    /// Token for the server.
+    #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true)]
+    pub(crate) token: Option<String>,
+    /// Map on the server.
+    #[arg(long, requires = "server")]
+    pub(crate) map: Option<Uuid>,
+    /// Version of the map; the active one when absent.
+    #[arg(long, requires = "map")]
+    pub(crate) version: Option<u32>,
     /// Calibration of the photos. Without it the map's own camera of this size, else EXIF.
     #[arg(long)]
     pub(crate) camera: Option<PathBuf>,

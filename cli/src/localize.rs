@@ -40,6 +40,9 @@ pub(crate) enum AnswerResult {
 }
 
 pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
+    if let Some((server, map)) = args.server.as_deref().zip(args.map) {
+        return crate::remote::localize(args, server, map, json);
+    }
     let [folder, photos @ ..] = args.paths.as_slice() else { return Err(no_photos()) };
     if photos.is_empty() {
         return Err(no_photos());
@@ -69,10 +72,21 @@ pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
         }
         answers.push(answer);
     }
-    write(args.out.as_deref(), &poses)?;
+    finish(args, map.info().scale.metric, &answers, &poses, json)
+}
+
+/// Writes the poses and the answers of a run.
+pub(crate) fn finish(
+    args: &LocalizeArgs,
+    metric: bool,
+    answers: &[Answer],
+    poses: &[NamedPose],
+    json: bool,
+) -> Outcome {
+    write(args.out.as_deref(), poses)?;
     if json {
         print_json(&serde_json::json!({
-            "metric": map.info().scale.metric,
+            "metric": metric,
             "num_images": answers.len(),
             "num_ok": poses.len(),
             "images": answers,
@@ -114,7 +128,7 @@ fn map_prior(map: &MapFolder, prior: &ImagePrior) -> LocalizationPrior {
 }
 
 /// Poses as a table; nothing if no file is named.
-pub(crate) fn write(out: Option<&Path>, poses: &[NamedPose]) -> Result<(), PipelineError> {
+fn write(out: Option<&Path>, poses: &[NamedPose]) -> Result<(), PipelineError> {
     let Some(out) = out else { return Ok(()) };
     fs::write(out, write_poses_csv(poses)).map_err(|e| PipelineError::io(out, &e))
 }

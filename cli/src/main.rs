@@ -4,11 +4,15 @@
 //! misses many photos, files that could not be read).
 
 mod args;
+mod demo;
+mod doctor;
 mod input;
 mod localize;
 mod output;
 mod progress;
 mod reconstruct;
+mod remote;
+mod serve;
 mod worker;
 
 use std::process::ExitCode;
@@ -23,6 +27,15 @@ fn main() -> ExitCode {
     let outcome = match cli.command {
         Command::Reconstruct(args) => reconstruct::run(&args, json),
         Command::Localize(args) => localize::run(&args, json),
+        Command::Serve(args) => serve::run(&args),
+        Command::Upload(args) => remote::upload(&args, json),
+        Command::Jobs { server, command } => remote::jobs(&server, command.as_ref(), json),
+        Command::Maps { server, command } => remote::maps(&server, command.as_ref(), json),
+        Command::Export { server, map, name, version, out } => {
+            remote::export(&server, map, &name, version, out.as_deref(), json)
+        }
+        Command::Doctor(args) => doctor::run(&args, json),
+        Command::Demo(args) => demo::run(&args, json),
         Command::RunJob { folder } => worker::run_job(&folder),
         Command::RunDecoder => worker::run_decoder(),
         Command::RunLocalizer => worker::run_localizer(),

@@ -161,3 +161,66 @@ fn own_camera(
     };
     Ok((sfm, source))
 }
+
+#[cfg(test)]
+mod tests {
+    use volery_features::GlobalDescriptor;
+    use volery_scene::{Features, ImageSize};
+
+    use super::*;
+    use crate::{photo::Photo, spec::ImageInput};
+
+    fn usable(input: usize, width: u32, focal_px: Option<f64>) -> Usable {
+        let hint = CameraHint {
+            size: ImageSize { width, height: 480 },
+            body: [None, Some("camera".to_owned()), None],
+            focal_px,
+            warnings: Vec::new(),
+        };
+        let photo = Photo {
+            hint,
+            contrast: 50.0,
+            sharpness: 0.5,
+            features: Features::default(),
+            colors: Vec::new(),
+            global: GlobalDescriptor(Vec::new()),
+        };
+        Usable { input, key: blake3::hash(&[input as u8]), photo }
+    }
+
+    fn spec(num_images: usize) -> JobSpec {
+        JobSpec::new((0..num_images).map(|i| ImageInput::new(format!("{i}.jpg"), "x")).collect())
+    }
+
+    #[test]
+    fn photos_share_a_camera_unless_size_or_exif_differ() {
+        let photos = [
+            usable(0, 640, None),
+            usable(1, 640, None),
+            usable(2, 640, Some(500.0)),
+            usable(3, 800, None),
+            usable(4, 640, None),
+        ];
+        let cameras = assign_cameras(&spec(5), &photos).unwrap();
+        let of: Vec<u32> = cameras.of_photo.iter().map(|id| id.0).collect();
+        assert_eq!(of, [0, 0, 1, 2, 0]);
+        assert!(cameras.cameras[0].focal_is_guess && !cameras.cameras[1].focal_is_guess);
+        assert_eq!(cameras.cameras[0].camera.mean_focal(), 1.2 * 640.0);
+        assert_eq!(cameras.sources[1], CameraSource::Exif);
+        assert_eq!(cameras.warnings[0].code, "several_cameras");
+    }
+
+    /// A calibration holds for resized photos too, and stays fixed; photos of another shape are
+    /// not forced into it.
+    #[test]
+    fn a_calibration_is_scaled_or_left_out() {
+        let calibration =
+            Camera::new(CameraModel::Pinhole, 1280, 960, &[1000.0, 1000.0, 640.0, 480.0]).unwrap();
+        let spec = JobSpec { camera: Some((&calibration).into()), ..spec(2) };
+        let cameras = assign_cameras(&spec, &[usable(0, 640, None), usable(1, 800, None)]).unwrap();
+        assert_eq!(cameras.sources, [CameraSource::Given, CameraSource::Guess]);
+        assert_eq!(cameras.cameras[0].camera.params(), [500.0, 500.0, 320.0, 240.0]);
+        assert_eq!(cameras.cameras[0].refine, IntrinsicsRefinement::FIXED);
+        assert_eq!(cameras.warnings[0].code, "camera_size_mismatch");
+    }
+}

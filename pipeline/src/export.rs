@@ -1,13 +1,13 @@
 //! Last stage: the files of a map folder.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use volery_formats::{
     NamedPose, colmap::write_colmap_text, write_glb, write_ply_of_model, write_poses_csv,
     write_transforms_json,
 };
 use volery_localization::LocalizationIndex;
-use volery_scene::{Descriptor, EnvironmentMap, Progress, SparseModel, Stage};
+use volery_scene::{Descriptor, EnvironmentMap, Progress, RegisteredImage, SparseModel, Stage};
 
 use crate::{
     cache::write_atomic,
@@ -56,7 +56,10 @@ pub(crate) fn write_files(
         Ok::<(), PipelineError>(())
     };
     let model = &map.model;
-    write(&out_dir.join(file::POSES), write_poses_csv(&named_poses(model)).as_bytes())?;
+    write(
+        &out_dir.join(file::POSES),
+        write_poses_csv(&named_poses(model, &info.inputs)).as_bytes(),
+    )?;
     let colmap = write_colmap_text(model);
     write(&colmap_dir.join("cameras.txt"), &colmap.cameras)?;
     write(&colmap_dir.join("images.txt"), &colmap.images)?;
@@ -70,13 +73,20 @@ pub(crate) fn write_files(
     write(&out_dir.join(file::MAP), &json)
 }
 
-/// Poses in the order of the image ids.
-pub(crate) fn named_poses(model: &SparseModel) -> Vec<NamedPose> {
-    let images = model.images.values();
-    images
-        .map(|image| NamedPose {
-            image: image.name.clone(),
-            world_from_cam: image.cam_from_world.inverse(),
+/// Poses in the order of the inputs; a photo that repeats another one has its pose.
+fn named_poses(model: &SparseModel, inputs: &[MapInput]) -> Vec<NamedPose> {
+    let by_name: BTreeMap<&str, &RegisteredImage> =
+        model.images.values().map(|image| (image.name.as_str(), image)).collect();
+    let by_hash: BTreeMap<&str, &RegisteredImage> = inputs
+        .iter()
+        .filter_map(|input| Some((input.blake3.as_str(), *by_name.get(input.name.as_str())?)))
+        .collect();
+    inputs
+        .iter()
+        .filter_map(|input| {
+            let image = by_hash.get(input.blake3.as_str())?;
+            let world_from_cam = image.cam_from_world.inverse();
+            Some(NamedPose { image: input.name.clone(), world_from_cam })
         })
         .collect()
 }

@@ -1,6 +1,5 @@
 //! How a flight's compass lies in the map: lets the yaw of a query narrow the search.
 
-
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 use volery_scene::{AttitudePrior, ImagePrior, SparseModel};

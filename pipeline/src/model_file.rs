@@ -176,3 +176,58 @@ impl<'a> Reader<'a> {
         (0..len).map(|_| item(self)).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use nalgebra::Vector3;
+    use volery_scene::{UnplacedReason, Verdict};
+
+    use super::*;
+
+    fn reconstruction() -> Reconstruction {
+        let camera =
+            Camera::new(CameraModel::Radial, 640, 480, &[500.1, 320.0, 240.0, 0.1, -0.2]).unwrap();
+        let image = RegisteredImage {
+            name: "a b.jpg".to_owned(),
+            camera: CameraId(0),
+            cam_from_world: Isometry3::new(
+                Vector3::new(0.1, -2.0, 1e-17),
+                Vector3::new(1.0, 2.0, 0.3),
+            ),
+            keypoints: vec![Point2::new(0.1, 0.2), Point2::new(1.0 / 3.0, 7.0)],
+            points: vec![None, Some(PointId(7))],
+        };
+        let point = Point3d {
+            position: Point3::new(1.0, 2.0, -0.1),
+            color: [1, 2, 255],
+            error_px: 0.7,
+            track: vec![Observation { image: ImageId(3), keypoint: 1 }],
+        };
+        Reconstruction {
+            models: vec![SparseModel {
+                cameras: BTreeMap::from([(CameraId(0), camera)]),
+                images: BTreeMap::from([(ImageId(3), image)]),
+                points: BTreeMap::from([(PointId(7), point)]),
+            }],
+            unplaced: vec![UnplacedImage { image: ImageId(0), reason: UnplacedReason::NoParallax }],
+            quality: Quality { verdict: Verdict::Suspect, reasons: Vec::new() },
+            mapper: "global",
+        }
+    }
+
+    #[test]
+    fn every_bit_comes_back() {
+        let bytes = write_reconstruction(&reconstruction()).unwrap();
+        assert_eq!(read_reconstruction(&bytes), Some(reconstruction()));
+    }
+
+    #[test]
+    fn no_cut_is_a_reconstruction() {
+        let bytes = write_reconstruction(&reconstruction()).unwrap();
+        for len in 0..bytes.len() {
+            assert_eq!(read_reconstruction(&bytes[..len]), None, "{len} bytes");
+        }
+    }
+}

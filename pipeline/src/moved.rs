@@ -93,3 +93,59 @@ fn turn_about_z(rotation: &UnitQuaternion<f64>) -> Option<f64> {
     let x = rotation * Vector3::x();
     (tilt < MAX_TILT).then(|| x.y.atan2(x.x))
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+    use volery_localization::{LocalizationAnswer, Status};
+
+    use super::*;
+
+    /// A moved answer sees the moved points where the answer saw the points, and its covariance
+    /// grows with the square of the scale.
+    #[test]
+    fn answers_move_with_the_map() {
+        let map_from_index =
+            Similarity3::new(Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.0, 0.0, 0.7), 2.0);
+        let moved = MovedBy::from(&map_from_index);
+        assert!(
+            (moved.similarity().to_homogeneous() - map_from_index.to_homogeneous()).norm() < 1e-12
+        );
+        let pose = Isometry3::new(Vector3::new(0.3, 0.2, 0.1), Vector3::new(0.4, -0.2, 1.0));
+        let estimate = PoseEstimate {
+            map_from_camera: pose,
+            covariance: Matrix6::identity(),
+            num_inliers: 10,
+            inlier_ratio: 1.0,
+            reprojection_px: 1.0,
+        };
+        let mut answer = LocalizationAnswer {
+            status: Status::Ok(estimate),
+            num_features: 10,
+            num_correspondences: 10,
+        };
+        moved.move_answer(&mut answer);
+        let Status::Ok(estimate) = &answer.status else { panic!("{answer:?}") };
+        let point = Point3::new(3.0, 1.0, 2.0);
+        let before = pose.inverse() * point;
+        let after = estimate.map_from_camera.inverse() * (map_from_index * point);
+        assert!((after.coords - before.coords * 2.0).norm() < 1e-12);
+        assert!((estimate.covariance[(0, 0)] - 4.0).abs() < 1e-12);
+        assert!((estimate.covariance[(5, 5)] - 1.0).abs() < 1e-12);
+
+        let prior = LocalizationPrior {
+            position: Some((map_from_index * point, 0.4)),
+            yaw: Some((0.9, 0.1)),
+        };
+        let prior = moved.prior_in_index(&prior);
+        let (position, sigma) = prior.position.unwrap();
+        assert!((position - point).norm() < 1e-12 && (sigma - 0.2).abs() < 1e-12);
+        assert!((prior.yaw.unwrap().0 - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_tilted_map_has_no_compass() {
+        let tilt = Similarity3::new(Vector3::zeros(), Vector3::new(0.3, 0.0, 0.0), 1.0);
+        assert_eq!(turn_north(&NorthInMap { yaw: 0.0, sigma: 0.1 }, &tilt), None);
+    }
+}

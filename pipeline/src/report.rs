@@ -112,6 +112,7 @@ fn image_reports(spec: &JobSpec, trace: &Trace, map: Option<&EnvironmentMap>) ->
                 ..empty(&input.name)
             },
             Fate::DuplicateOf(first) => ImageReport {
+                registered: is_placed(&ingested.fates[*first], map),
                 detail: Some("same bytes as another image".to_owned()),
                 duplicate_of: Some(spec.images[*first].name.clone()),
                 ..empty(&input.name)
@@ -137,6 +138,12 @@ fn image_reports(spec: &JobSpec, trace: &Trace, map: Option<&EnvironmentMap>) ->
             }
         })
         .collect()
+}
+
+/// Whether an input that takes part has a pose.
+fn is_placed(fate: &Fate, map: Option<&EnvironmentMap>) -> bool {
+    let Fate::Usable(i) = fate else { return false };
+    map.is_some_and(|map| map.model.images.contains_key(&ImageId(*i as u32)))
 }
 
 /// Number of points an image sees, and the mean of their errors, pixels.
@@ -187,7 +194,12 @@ fn input_warnings(spec: &JobSpec, trace: &Trace) -> Vec<Warning> {
     let unreadable = names(&|fate| matches!(fate, Fate::Unreadable(..)));
     warn("undecodable_images", "images could not be decoded", &unreadable, "export them again");
     let repeated = names(&|fate| matches!(fate, Fate::DuplicateOf(_)));
-    warn("duplicate_images", "images repeat another one", &repeated, "they were left out");
+    warn(
+        "duplicate_images",
+        "images repeat another one",
+        &repeated,
+        "each has the pose of the one it repeats",
+    );
     let odd: Vec<&str> = ingested
         .usable
         .iter()

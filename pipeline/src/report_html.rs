@@ -214,8 +214,8 @@ fn top_view(html: &mut String, map: &EnvironmentMap) -> std::fmt::Result {
 
 fn image_row(html: &mut String, image: &ImageReport) -> std::fmt::Result {
     let (class, pose) = match (image.registered, &image.duplicate_of, image.reason) {
+        (_, Some(first), _) => ("", format!("repeats {first}")),
         (true, ..) => ("", "yes".to_owned()),
-        (false, Some(first), _) => ("", format!("repeats {first}")),
         (false, None, reason) => {
             let reason = reason.map_or("no map", |r| r.code());
             let detail = image.detail.as_deref().map_or(String::new(), |d| format!(" ({d})"));

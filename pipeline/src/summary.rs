@@ -133,7 +133,6 @@ pub struct Summary {
 impl Summary {
     /// Whether the map is good and holds nearly all photos.
     pub fn is_complete(&self) -> bool {
-        let usable = self.images.iter().filter(|i| i.duplicate_of.is_none()).count();
-        self.quality.verdict == Verdict::Good && self.num_registered * 10 >= usable * 9
+        self.quality.verdict == Verdict::Good && self.num_registered * 10 >= self.num_images * 9
     }
 }

@@ -1,0 +1,136 @@
+//! The demo's map and answers against the truth.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use volery_api::{LocalizeAnswer, LocalizeStatus};
+use volery_formats::NamedPose;
+use volery_geometry::{Isometry3, Point3, Similarity3, Vector3, similarity_from_points};
+use volery_synthetic::{DemoHall, Shot};
+
+use crate::localize::pose_of;
+
+/// The whole demo in figures.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Score {
+    pub(crate) num_scan: usize,
+    pub(crate) num_registered: usize,
+    /// Root mean square position error after the best similarity, meters.
+    pub(crate) ate_m: f64,
+    /// Median.
+    pub(crate) rotation_deg: f64,
+    /// Of the map's own meters.
+    pub(crate) scale_error: f64,
+    /// Angle between the map's z and up.
+    pub(crate) gravity_deg: f64,
+    pub(crate) num_queries: usize,
+    pub(crate) num_localized: usize,
+    /// Median position error of the answers, meters.
+    pub(crate) query_m: f64,
+    /// Median rotation error of the answers.
+    pub(crate) query_deg: f64,
+    /// Camera centers of the map in the world, for the plot.
+    #[serde(skip)]
+    pub(crate) centers: Vec<(Point3<f64>, Point3<f64>)>,
+}
+
+/// One query against its truth.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct QueryScore {
+    pub(crate) name: String,
+    pub(crate) status: LocalizeStatus,
+    pub(crate) reason: Option<String>,
+    pub(crate) error_m: Option<f64>,
+    pub(crate) error_deg: Option<f64>,
+    pub(crate) num_inliers: u32,
+    pub(crate) total_ms: f64,
+    /// Where the answer lies in the world.
+    #[serde(skip)]
+    pub(crate) place: Option<Point3<f64>>,
+}
+
+/// The map's poses against the scan's, and `world_from_map`.
+pub(crate) fn map(hall: &DemoHall, poses: &[NamedPose]) -> Option<(Score, Similarity3<f64>)> {
+    let truth: BTreeMap<&str, Isometry3<f64>> =
+        hall.scan.iter().map(|shot| (shot.name.as_str(), shot.cam_from_world.inverse())).collect();
+    let pairs: Vec<(Isometry3<f64>, Isometry3<f64>)> = poses
+        .iter()
+        .filter_map(|pose| Some((pose.world_from_cam, *truth.get(pose.image.as_str())?)))
+        .collect();
+    let center = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
+    let source: Vec<_> = pairs.iter().map(|(found, _)| center(found)).collect();
+    let target: Vec<_> = pairs.iter().map(|(_, truth)| center(truth)).collect();
+    let world_from_map = similarity_from_points(&source, &target).ok()?;
+    let centers: Vec<_> =
+        source.iter().map(|p| world_from_map * p).zip(target.iter().copied()).collect();
+    let squares: f64 = centers.iter().map(|(found, truth)| (found - truth).norm_squared()).sum();
+    let rotation = world_from_map.isometry.rotation;
+    let angles = pairs
+        .iter()
+        .map(|(found, truth)| (rotation * found.rotation).angle_to(&truth.rotation).to_degrees());
+    let up = rotation * Vector3::z();
+    let score = Score {
+        num_scan: hall.scan.len(),
+        num_registered: pairs.len(),
+        ate_m: (squares / pairs.len() as f64).sqrt(),
+        rotation_deg: median(angles),
+        scale_error: 1.0 / world_from_map.scaling() - 1.0,
+        gravity_deg: up.angle(&Vector3::z()).to_degrees(),
+        num_queries: hall.queries.len(),
+        num_localized: 0,
+        query_m: 0.0,
+        query_deg: 0.0,
+        centers,
+    };
+    Some((score, world_from_map))
+}
+
+/// An answer against the truth of its shot.
+pub(crate) fn query(
+    shot: &Shot,
+    answer: &LocalizeAnswer,
+    world_from_map: &Similarity3<f64>,
+) -> QueryScore {
+    let localization = &answer.localization;
+    let truth = shot.cam_from_world.inverse();
+    let found = pose_of(localization);
+    let place = found.map(|pose| world_from_map * Point3::from(pose.translation.vector));
+    QueryScore {
+        name: shot.name.clone(),
+        status: localization.status,
+        reason: localization.reason.clone(),
+        error_m: place.map(|place| (place.coords - truth.translation.vector).norm()),
+        error_deg: found.map(|pose| {
+            let rotation = world_from_map.isometry.rotation * pose.rotation;
+            rotation.angle_to(&truth.rotation).to_degrees()
+        }),
+        num_inliers: localization.num_inliers,
+        total_ms: localization.timings.total_ms.unwrap_or(0.0),
+        place,
+    }
+}
+
+impl Score {
+    pub(crate) fn with_queries(self, queries: &[QueryScore]) -> Self {
+        Self {
+            num_localized: queries.iter().filter(|q| q.place.is_some()).count(),
+            query_m: median(queries.iter().filter_map(|q| q.error_m)),
+            query_deg: median(queries.iter().filter_map(|q| q.error_deg)),
+            ..self
+        }
+    }
+
+    /// Nearly all photos in the map, to centimeters, and most queries placed in it.
+    pub(crate) fn is_as_promised(&self) -> bool {
+        self.num_registered * 10 >= self.num_scan * 9
+            && self.ate_m < 0.03
+            && self.num_localized * 4 >= self.num_queries * 3
+            && self.query_m < 0.03
+    }
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}

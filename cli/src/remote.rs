@@ -1,0 +1,380 @@
+//! Commands that talk to a server through the client SDK.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use uuid::Uuid;
+use volery_api::{
+    Camera, CreateJob, Job, JobEvent, JobState, KnownDistance, Preset, Prior, UploadStatus,
+};
+use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
+use volery_formats::NamedPose;
+use volery_pipeline::{CameraSpec, PipelineError};
+use volery_scene::ImagePrior;
+
+use crate::{
+    args::{JobsCommand, LocalizeArgs, MapsCommand, PresetArg, ServerArgs, UploadArgs},
+    input,
+    localize::{self, Answer, AnswerResult},
+    output::{Ending, Outcome, print_json},
+    serve::runtime,
+};
+
+/// A failure of the SDK as one of the command line.
+pub(crate) fn failed(error: ClientError) -> PipelineError {
+    PipelineError {
+        code: error.code().to_owned(),
+        detail: error.to_string(),
+        hint: error.hint().map(str::to_owned),
+    }
+}
+
+fn with_server(server: &ServerArgs, work: impl AsyncFnOnce(Client) -> Outcome) -> Outcome {
+    let client = Client::new(&server.server, server.token.as_deref()).map_err(failed)?;
+    runtime()?.block_on(work(client))
+}
+
+/// Prints a value of the API: JSON, or a line of text.
+fn show<T: Serialize>(value: &T, json: bool, line: impl FnOnce(&T) -> String) {
+    if json { print_json(value) } else { println!("{}", line(value)) }
+}
+
+pub(crate) fn upload(args: &UploadArgs, json: bool) -> Outcome {
+    let is_archive = |path: &&std::path::PathBuf| path.extension().is_some_and(|e| e == "zip");
+    let archives: Vec<_> = args.photos.iter().filter(is_archive).cloned().collect();
+    let photos: Vec<_> = args.photos.iter().filter(|p| !is_archive(p)).cloned().collect();
+    let files: Vec<UploadFile> = input::photos(&photos)?
+        .into_iter()
+        .map(|file| UploadFile { name: file.name, path: file.path })
+        .collect();
+    let camera = args.camera.as_deref().map(input::camera).transpose()?;
+    let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
+    with_server(&args.server, async |client| {
+        let imageset = match args.imageset {
+            Some(id) => id,
+            None => {
+                let camera = match &camera {
+                    Some(camera) => Some(
+                        client
+                            .create_camera(&args.name, wire_camera(camera))
+                            .await
+                            .map_err(failed)?
+                            .id,
+                    ),
+                    None => None,
+                };
+                client.create_imageset(&args.name, camera).await.map_err(failed)?.id
+            }
+        };
+        let bar = bar("upload", files.len() as u64, "photos");
+        let mut results = client
+            .upload_files(imageset, &files, |done, _| bar.set_position(done as u64))
+            .await
+            .map_err(failed)?;
+        bar.finish_and_clear();
+        for archive in &archives {
+            let report = client.upload_archive(imageset, archive).await.map_err(failed)?;
+            results.extend(report.results);
+        }
+        if let Some(telemetry) = &telemetry {
+            let priors = telemetry.iter().map(|(name, p)| (name.clone(), wire_prior(p)));
+            client.put_priors(imageset, priors.collect()).await.map_err(failed)?;
+        }
+        let count = |status| results.iter().filter(|r| r.status == status).count();
+        let rejected = count(UploadStatus::Rejected);
+        let job = if args.reconstruct {
+            let request = CreateJob {
+                imageset_ids: vec![imageset],
+                map_name: Some(args.name.clone()),
+                ..CreateJob::default()
+            };
+            let job = client.create_job(&request).await.map_err(failed)?;
+            Some(watch(&client, job.id).await?)
+        } else {
+            None
+        };
+        if json {
+            let answer =
+                serde_json::json!({ "imageset_id": imageset, "results": results, "job": job });
+            print_json(&answer);
+        } else {
+            println!(
+                "image set {imageset}: {} stored, {} known already, {rejected} rejected",
+                count(UploadStatus::Stored),
+                count(UploadStatus::Duplicate)
+            );
+            for result in results.iter().filter(|r| r.status == UploadStatus::Rejected) {
+                let detail = result.detail.as_deref().unwrap_or_default();
+                println!("  {}: {detail}", result.name);
+            }
+            if let Some(job) = &job {
+                println!("{}", job_line(job));
+            }
+        }
+        match job {
+            Some(job) => ending_of(&job),
+            None if rejected > 0 => Ok(Ending::Partial),
+            None => Ok(Ending::Done),
+        }
+    })
+}
+
+pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: bool) -> Outcome {
+    with_server(server, async |client| {
+        let job = match command {
+            None => {
+                let jobs = client.jobs(None).await.map_err(failed)?;
+                let lines =
+                    |jobs: &Vec<Job>| jobs.iter().map(job_line).collect::<Vec<_>>().join("\n");
+                show(&jobs, json, lines);
+                return Ok(Ending::Done);
+            }
+            Some(JobsCommand::Log { id }) => {
+                show(&client.job_log(*id).await.map_err(failed)?, json, |log| {
+                    log.trim_end().to_owned()
+                });
+                return Ok(Ending::Done);
+            }
+            Some(JobsCommand::Submit {
+                imagesets,
+                map,
+                name,
+                preset,
+                seed,
+                known_distance,
+                wait,
+            }) => {
+                let known = known_distance.iter().map(|d| KnownDistance {
+                    image_a: d.image_a.clone(),
+                    image_b: d.image_b.clone(),
+                    meters: d.meters,
+                });
+                let request = CreateJob {
+                    imageset_ids: imagesets.clone(),
+                    map_id: *map,
+                    map_name: name.clone(),
+                    preset: wire_preset(*preset),
+                    seed: *seed,
+                    known_distances: known.collect(),
+                    ..CreateJob::default()
+                };
+                let job = client.create_job(&request).await.map_err(failed)?;
+                if *wait { watch(&client, job.id).await? } else { job }
+            }
+            Some(JobsCommand::Show { id }) => client.job(*id).await.map_err(failed)?,
+            Some(JobsCommand::Watch { id }) => watch(&client, *id).await?,
+            Some(JobsCommand::Cancel { id }) => client.cancel_job(*id).await.map_err(failed)?,
+            Some(JobsCommand::Retry { id }) => client.retry_job(*id).await.map_err(failed)?,
+        };
+        show(&job, json, job_line);
+        match command {
+            Some(JobsCommand::Submit { wait: true, .. } | JobsCommand::Watch { .. }) => {
+                ending_of(&job)
+            }
+            _ => Ok(Ending::Done),
+        }
+    })
+}
+
+pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: bool) -> Outcome {
+    with_server(server, async |client| {
+        match command {
+            None => {
+                let maps = client.maps().await.map_err(failed)?;
+                show(&maps, json, |maps| {
+                    let line = |m: &volery_api::Map| {
+                        format!("{} version {} {}", m.id, m.active_version, m.name)
+                    };
+                    maps.iter().map(line).collect::<Vec<_>>().join("\n")
+                });
+            }
+            Some(MapsCommand::Show { id }) => {
+                let map = client.map(*id).await.map_err(failed)?;
+                show(&map, json, |map| {
+                    format!(
+                        "{} {}, version {}: {:#}",
+                        map.id, map.name, map.active_version, map.active.info
+                    )
+                });
+            }
+            Some(MapsCommand::Versions { id }) => {
+                let versions = client.map_versions(*id).await.map_err(failed)?;
+                show(&versions, json, |all| {
+                    let line = |v: &volery_api::MapVersion| format!("{} {}", v.version, v.created);
+                    all.iter().map(line).collect::<Vec<_>>().join("\n")
+                });
+            }
+            Some(MapsCommand::Activate { id, version }) => {
+                let map = client.activate_version(*id, *version).await.map_err(failed)?;
+                show(&map, json, |map| format!("{} answers with version {version}", map.id));
+            }
+            Some(MapsCommand::Delete { id }) => {
+                client.delete_map(*id).await.map_err(failed)?;
+                show(&serde_json::json!({ "deleted": id }), json, |_| format!("{id} is gone"));
+            }
+        }
+        Ok(Ending::Done)
+    })
+}
+
+pub(crate) fn export(
+    server: &ServerArgs,
+    map: Uuid,
+    name: &str,
+    version: Option<u32>,
+    out: Option<&Path>,
+    json: bool,
+) -> Outcome {
+    with_server(server, async |client| {
+        let bytes = client.export(map, name, version).await.map_err(failed)?;
+        let out = out.unwrap_or(Path::new(name));
+        fs::write(out, &bytes).map_err(|e| PipelineError::io(out, &e))?;
+        let answer = serde_json::json!({ "path": out, "bytes": bytes.len() });
+        show(&answer, json, |_| format!("{}: {} bytes", out.display(), bytes.len()));
+        Ok(Ending::Done)
+    })
+}
+
+/// `volery localize --server`.
+pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool) -> Outcome {
+    let files = input::photos(&args.paths)?;
+    let camera = args.camera.as_deref().map(input::camera).transpose()?;
+    let camera = camera.as_ref().map(wire_camera);
+    let server = ServerArgs { server: server.to_owned(), token: args.token.clone() };
+    with_server(&server, async |client| {
+        let info = client.map(map).await.map_err(failed)?.active.info;
+        let (mut answers, mut poses) = (Vec::new(), Vec::new());
+        for file in &files {
+            let image = input::read(&file.path)?;
+            let camera = camera.clone();
+            let query = LocalizeQuery { image, camera, prior: None, version: args.version };
+            let result = match client.localize(map, &query).await {
+                Ok(answer) => {
+                    if let Some(world_from_cam) = localize::pose_of(&answer.localization) {
+                        poses.push(NamedPose { image: file.name.clone(), world_from_cam });
+                    }
+                    AnswerResult::Localization(Box::new(answer.localization))
+                }
+                Err(ClientError::Problem(problem)) if problem.status == 422 => {
+                    AnswerResult::Error { error: failed(ClientError::Problem(problem)) }
+                }
+                Err(error) => return Err(failed(error)),
+            };
+            let answer = Answer { image: file.name.clone(), result };
+            if !json {
+                localize::print_text(&answer);
+            }
+            answers.push(answer);
+        }
+        let metric = info["scale"]["metric"] == serde_json::Value::Bool(true);
+        localize::finish(args, metric, &answers, &poses, json)
+    })
+}
+
+/// Follows a job to its end with a bar.
+pub(crate) async fn watch(client: &Client, id: Uuid) -> Result<Job, PipelineError> {
+    let bar = bar("job", 0, "");
+    let job = client.watch_job(id, |event| show_event(&bar, event)).await.map_err(failed)?;
+    bar.finish_and_clear();
+    Ok(job)
+}
+
+fn show_event(bar: &ProgressBar, event: &JobEvent) {
+    let text = |name: &str| event.data[name].as_str().unwrap_or_default().to_owned();
+    let number = |name: &str| event.data[name].as_u64().unwrap_or(0);
+    match event.kind.as_str() {
+        "job.stage" | "job.progress" => {
+            bar.set_prefix(text("stage"));
+            bar.set_message(text("unit"));
+            bar.set_length(number("total"));
+            bar.set_position(number("done"));
+            if bar.is_hidden() && event.kind == "job.stage" {
+                eprintln!("{}: {} {}", text("stage"), number("total"), text("unit"));
+            }
+        }
+        "job.log" => bar.suspend(|| eprintln!("{}: {}", text("level"), text("message"))),
+        _ => {}
+    }
+}
+
+fn bar(prefix: &'static str, len: u64, unit: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template(
+        "{prefix:10} {wide_bar} {pos}/{len} {msg} {elapsed} ETA {eta}",
+    );
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(len).with_prefix(prefix).with_message(unit).with_style(style)
+}
+
+fn job_line(job: &Job) -> String {
+    let mut line = format!("job {} {}", job.id, job.state.name());
+    if let Some(outputs) = &job.outputs {
+        line += &format!(", map {} version {}", outputs.map_id, outputs.version);
+    }
+    if let Some(stage) = job.stage.as_ref().filter(|_| !job.state.is_final()) {
+        line += &format!(", {stage} {}/{}", job.progress.done, job.progress.total);
+    }
+    if let Some(error) = &job.error {
+        line += &format!(", {}: {}", error.code, error.detail);
+    }
+    line
+}
+
+/// How a command ends that has waited for a job.
+fn ending_of(job: &Job) -> Outcome {
+    match job.state {
+        JobState::Succeeded => Ok(Ending::Done),
+        JobState::Partial => Ok(Ending::Partial),
+        state => {
+            let error = job.error.clone().unwrap_or_default();
+            Err(PipelineError {
+                code: if error.code.is_empty() { state.name().to_owned() } else { error.code },
+                detail: format!("job {} {}: {}", job.id, state.name(), error.detail),
+                hint: error.hint,
+            })
+        }
+    }
+}
+
+pub(crate) fn wire_camera(camera: &CameraSpec) -> Camera {
+    Camera {
+        model: camera.model.name().to_owned(),
+        width: camera.width,
+        height: camera.height,
+        params: camera.params.clone(),
+    }
+}
+
+/// The priors of the scene and of the API are the same on the wire.
+pub(crate) fn wire_prior(prior: &ImagePrior) -> Prior {
+    Prior {
+        attitude: prior.attitude.map(|a| volery_api::AttitudePrior {
+            yaw: a.yaw,
+            pitch: a.pitch,
+            roll: a.roll,
+            sigma_yaw: a.sigma_yaw,
+            sigma_tilt: a.sigma_tilt,
+        }),
+        height: prior.height.map(|h| volery_api::HeightPrior { height: h.height, sigma: h.sigma }),
+        position: prior.position.map(|p| volery_api::PositionPrior {
+            position: p.position.coords.into(),
+            sigma: p.sigma,
+        }),
+        time_s: prior.time_s,
+    }
+}
+
+/// Priors of many images.
+pub(crate) fn wire_priors<'a>(
+    priors: impl IntoIterator<Item = (&'a str, &'a ImagePrior)>,
+) -> BTreeMap<String, Prior> {
+    priors.into_iter().map(|(name, prior)| (name.to_owned(), wire_prior(prior))).collect()
+}
+
+fn wire_preset(preset: PresetArg) -> Preset {
+    match preset {
+        PresetArg::Fast => Preset::Fast,
+        PresetArg::Balanced => Preset::Balanced,
+        PresetArg::Best => Preset::Best,
+    }
+}

@@ -1,0 +1,164 @@
+//! Image sets and uploads.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use futures_util::{StreamExt, stream};
+use reqwest::{Method, header};
+use uuid::Uuid;
+use volery_api::{
+    CreateImageSet, Image, ImageSet, Prior, PriorsReport, PutPriors, UploadReport, UploadResult,
+    UploadStatus,
+};
+
+use crate::{Client, ClientError};
+
+/// Photos under way at once.
+const PARALLEL_UPLOADS: usize = 4;
+
+/// A photo to upload.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UploadFile {
+    /// Its name in the set.
+    pub name: String,
+    /// Its bytes.
+    pub path: PathBuf,
+}
+
+impl From<&str> for UploadFile {
+    fn from(path: &str) -> Self {
+        Path::new(path).into()
+    }
+}
+
+impl From<&Path> for UploadFile {
+    fn from(path: &Path) -> Self {
+        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        Self { name, path: path.to_owned() }
+    }
+}
+
+impl Client {
+    /// A new image set.
+    pub async fn create_imageset(
+        &self,
+        name: &str,
+        camera_id: Option<Uuid>,
+    ) -> Result<ImageSet, ClientError> {
+        let body = CreateImageSet { name: name.to_owned(), camera_id, notes: None };
+        self.call(Method::POST, "/v1/imagesets", &body).await
+    }
+
+    /// All image sets.
+    pub async fn imagesets(&self) -> Result<Vec<ImageSet>, ClientError> {
+        self.list("/v1/imagesets").await
+    }
+
+    /// All images of a set.
+    pub async fn images(&self, imageset: Uuid) -> Result<Vec<Image>, ClientError> {
+        self.list(&format!("/v1/imagesets/{imageset}/images")).await
+    }
+
+    /// Uploads one photo. Repeating is safe: the set knows its photos by their hash.
+    pub async fn upload_bytes(
+        &self,
+        imageset: Uuid,
+        name: &str,
+        bytes: Vec<u8>,
+        prior: Option<&Prior>,
+    ) -> Result<UploadResult, ClientError> {
+        let path = format!("/v1/imagesets/{imageset}/images");
+        let name = header::HeaderValue::from_bytes(name.as_bytes())
+            .map_err(|_| ClientError::BadArgument(format!("bad image name {name:?}")))?;
+        let prior = prior
+            .map(serde_json::to_string)
+            .transpose()
+            .map_err(|e| ClientError::BadArgument(e.to_string()))?;
+        let bytes = bytes::Bytes::from(bytes);
+        let make = || {
+            let request = self
+                .request(Method::POST, &path)
+                .header(header::CONTENT_TYPE, "application/octet-stream")
+                .header("X-Image-Name", &name)
+                .body(bytes.clone());
+            match &prior {
+                Some(prior) => request.header("X-Pose-Prior", prior),
+                None => request,
+            }
+        };
+        let report: UploadReport = self.send(make).await?.json().await?;
+        let result = report.results.into_iter().next();
+        result.ok_or_else(|| ClientError::Protocol("an upload without result".to_owned()))
+    }
+
+    /// Uploads photos, several at a time, and reports after each how many are done and how it
+    /// went. A photo that the server refuses does not stop the others; results are in the order
+    /// of `files`.
+    pub async fn upload_files(
+        &self,
+        imageset: Uuid,
+        files: &[UploadFile],
+        mut each: impl FnMut(usize, &UploadResult),
+    ) -> Result<Vec<UploadResult>, ClientError> {
+        let uploads = files.iter().map(|file| async move {
+            let bytes =
+                tokio::fs::read(&file.path).await.map_err(|e| ClientError::file(&file.path, e))?;
+            match self.upload_bytes(imageset, &file.name, bytes, None).await {
+                Err(ClientError::Problem(problem)) if is_about_the_file(problem.status) => {
+                    Ok(UploadResult {
+                        name: file.name.clone(),
+                        status: UploadStatus::Rejected,
+                        image_id: None,
+                        sha256: None,
+                        code: Some(problem.code),
+                        detail: Some(problem.detail),
+                        warnings: Vec::new(),
+                    })
+                }
+                other => other,
+            }
+        });
+        let mut uploads = stream::iter(uploads).buffered(PARALLEL_UPLOADS);
+        let mut results = Vec::with_capacity(files.len());
+        while let Some(result) = uploads.next().await {
+            let result: UploadResult = result?;
+            each(results.len() + 1, &result);
+            results.push(result);
+        }
+        Ok(results)
+    }
+
+    /// Uploads a zip archive of photos, streamed from disk.
+    pub async fn upload_archive(
+        &self,
+        imageset: Uuid,
+        path: &Path,
+    ) -> Result<UploadReport, ClientError> {
+        let file = tokio::fs::File::open(path).await.map_err(|e| ClientError::file(path, e))?;
+        let len = file.metadata().await.map_err(|e| ClientError::file(path, e))?.len();
+        let request = self
+            .request(Method::POST, &format!("/v1/imagesets/{imageset}/archive"))
+            .header(header::CONTENT_TYPE, "application/zip")
+            .header(header::CONTENT_LENGTH, len)
+            .body(reqwest::Body::from(file));
+        // A stream is gone once sent: no second try.
+        Ok(self.send_once(request).await?.json().await?)
+    }
+
+    /// Sets what is known of images before they are looked at.
+    pub async fn put_priors(
+        &self,
+        imageset: Uuid,
+        priors: BTreeMap<String, Prior>,
+    ) -> Result<PriorsReport, ClientError> {
+        let path = format!("/v1/imagesets/{imageset}/priors");
+        self.call(Method::PUT, &path, &PutPriors { priors }).await
+    }
+}
+
+/// Whether a refusal speaks of the photo rather than of the caller or the server.
+fn is_about_the_file(status: u16) -> bool {
+    matches!(status, 400 | 409 | 413 | 415 | 422)
+}

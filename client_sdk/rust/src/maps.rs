@@ -1,0 +1,107 @@
+//! Maps, exports, localization.
+
+use reqwest::{Method, header};
+use uuid::Uuid;
+use volery_api::{
+    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizePrior, Map, MapCameras,
+    MapVersion,
+};
+
+use crate::{Client, ClientError};
+
+/// A photo to be localized.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LocalizeQuery {
+    /// JPEG or PNG.
+    pub image: Vec<u8>,
+    /// Its camera; the map's own camera or EXIF when absent.
+    pub camera: Option<Camera>,
+    /// Where it may be.
+    pub prior: Option<LocalizePrior>,
+    /// The active version when absent.
+    pub version: Option<u32>,
+}
+
+impl Client {
+    /// All maps.
+    pub async fn maps(&self) -> Result<Vec<Map>, ClientError> {
+        self.list("/v1/maps").await
+    }
+
+    /// A map with its active version.
+    pub async fn map(&self, id: Uuid) -> Result<Map, ClientError> {
+        self.get(&format!("/v1/maps/{id}")).await
+    }
+
+    /// All versions of a map.
+    pub async fn map_versions(&self, id: Uuid) -> Result<Vec<MapVersion>, ClientError> {
+        self.list(&format!("/v1/maps/{id}/versions")).await
+    }
+
+    /// Makes a version the one that answers.
+    pub async fn activate_version(&self, id: Uuid, version: u32) -> Result<Map, ClientError> {
+        let path = format!("/v1/maps/{id}/activate");
+        self.call(Method::POST, &path, &ActivateMap { version }).await
+    }
+
+    /// Forgets a map with all its versions.
+    pub async fn delete_map(&self, id: Uuid) -> Result<(), ClientError> {
+        self.delete(&format!("/v1/maps/{id}")).await
+    }
+
+    /// A new version in another frame or scale.
+    pub async fn align_map(
+        &self,
+        id: Uuid,
+        request: &AlignRequest,
+    ) -> Result<Aligned, ClientError> {
+        self.call(Method::POST, &format!("/v1/maps/{id}/align"), request).await
+    }
+
+    /// Poses and cameras of a map.
+    pub async fn map_cameras(&self, id: Uuid) -> Result<MapCameras, ClientError> {
+        self.get(&format!("/v1/maps/{id}/cameras")).await
+    }
+
+    /// An export of a map: `colmap.zip`, `sparse.ply`, `map.glb`, ...; `/v1/info` lists them.
+    pub async fn export(
+        &self,
+        id: Uuid,
+        name: &str,
+        version: Option<u32>,
+    ) -> Result<bytes::Bytes, ClientError> {
+        let version = version.map_or(String::new(), |v| format!("?version={v}"));
+        let path = format!("/v1/maps/{id}/export/{name}{version}");
+        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+    }
+
+    /// The pose of a photo, or why there is none.
+    pub async fn localize(
+        &self,
+        map: Uuid,
+        query: &LocalizeQuery,
+    ) -> Result<LocalizeAnswer, ClientError> {
+        let version = query.version.map_or(String::new(), |v| format!("?version={v}"));
+        let path = format!("/v1/maps/{map}/localize{version}");
+        let json = |value: Result<String, serde_json::Error>| {
+            value.map_err(|e| ClientError::BadArgument(e.to_string()))
+        };
+        let camera = query.camera.as_ref().map(serde_json::to_string).map(json).transpose()?;
+        let prior = query.prior.as_ref().map(serde_json::to_string).map(json).transpose()?;
+        let image = bytes::Bytes::from(query.image.clone());
+        let make = || {
+            let mut request = self
+                .request(Method::POST, &path)
+                .header(header::CONTENT_TYPE, "application/octet-stream")
+                .body(image.clone());
+            if let Some(camera) = &camera {
+                request = request.header("X-Camera", camera);
+            }
+            if let Some(prior) = &prior {
+                request = request.header("X-Pose-Prior", prior);
+            }
+            request
+        };
+        Ok(self.send(make).await?.json().await?)
+    }
+}
