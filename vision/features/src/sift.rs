@@ -1,6 +1,7 @@
 //! SIFT: Lowe, "Distinctive Image Features from Scale-Invariant Keypoints", IJCV 2004.
 
 mod extrema;
+mod math;
 mod patch;
 mod pyramid;
 mod selection;

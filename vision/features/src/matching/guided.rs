@@ -178,7 +178,7 @@ impl Grid {
             let (start, end) = (slope * step as f64 + offset, slope * (step + 1) as f64 + offset);
             let low = (start.min(end) - spread).floor().max(0.0);
             let high = (start.max(end) + spread).floor().min(across as f64 - 1.0);
-            if !(low <= high) {
+            if low > high {
                 continue;
             }
             for other in low as usize..=high as usize {

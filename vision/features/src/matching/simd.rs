@@ -45,6 +45,7 @@ fn update_portable(block: &Block<'_>, rows: &mut [Best<LANES>], columns: &mut Be
 }
 
 #[cfg(target_arch = "x86_64")]
+#[allow(clippy::needless_range_loop, reason = "indices into several register blocks")]
 mod x86 {
     use std::arch::x86_64::*;
 

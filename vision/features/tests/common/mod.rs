@@ -74,7 +74,7 @@ pub fn textured(width: usize, height: usize, seed: u64) -> Canvas {
         // Large shapes first, small ones on top.
         let size = 70.0 * (1.0 - i as f32 / num_shapes as f32).powi(3) + random.range(1.2, 6.0);
         let center = [random.range(0.0, width as f32), random.range(0.0, height as f32)];
-        let (sin, cos) = random.range(0.0, 6.2832).sin_cos();
+        let (sin, cos) = random.range(0.0, std::f32::consts::TAU).sin_cos();
         let aspect = random.range(0.12, 1.0);
         let (gray, kind, slope) =
             (random.range(15.0, 240.0), random.unit(), random.range(-0.6, 0.6));
