@@ -23,8 +23,8 @@ impl<const N: usize> Normal<N> {
         for i in 0..N {
             let wj = weight * jacobian[i];
             self.gradient[i] += wj * residual;
-            for j in 0..=i {
-                self.hessian[(i, j)] += wj * jacobian[j];
+            for (j, d) in jacobian.iter().enumerate().take(i + 1) {
+                self.hessian[(i, j)] += wj * d;
             }
         }
     }

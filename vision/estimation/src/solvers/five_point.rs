@@ -110,9 +110,9 @@ fn constraints(basis: &[[f64; 9]; 4]) -> [Cubic; 10] {
     }
     let half_trace: Quadratic =
         std::array::from_fn(|m| 0.5 * (gram[0][0][m] + gram[1][1][m] + gram[2][2][m]));
-    for i in 0..3 {
-        for m in 0..10 {
-            gram[i][i][m] -= half_trace[m];
+    for (i, row) in gram.iter_mut().enumerate() {
+        for (term, half) in row[i].iter_mut().zip(&half_trace) {
+            *term -= half;
         }
     }
     for i in 0..3 {

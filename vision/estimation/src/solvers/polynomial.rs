@@ -91,8 +91,8 @@ pub fn real_roots(coefficients: &[f64]) -> ArrayVec<f64, MAX_DEGREE> {
     let lead = coefficients[degree];
     let mut chain =
         Chain { polynomials: [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1], degrees: ArrayVec::new() };
-    for i in 0..=degree {
-        chain.polynomials[0][i] = coefficients[i] / lead;
+    for (term, c) in chain.polynomials[0].iter_mut().zip(&coefficients[..=degree]) {
+        *term = c / lead;
     }
     for i in 1..=degree {
         chain.polynomials[1][i - 1] = chain.polynomials[0][i] * i as f64;
@@ -156,8 +156,8 @@ impl Chain {
             while degree > 0 && rest[degree].abs() <= 1e-15 * size {
                 degree -= 1;
             }
-            for i in 0..=degree {
-                self.polynomials[k][i] = -rest[i] / size;
+            for (term, r) in self.polynomials[k].iter_mut().zip(&rest[..=degree]) {
+                *term = -r / size;
             }
             self.degrees.push(degree);
         }
