@@ -91,3 +91,22 @@ pub(crate) fn pool<'a>(matches: impl IntoIterator<Item = &'a ImageMatches>) -> V
     }
     pairs
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the points that a keypoint was matched to, those that most images name are kept.
+    #[test]
+    fn images_vote() {
+        let image = |image, pairs: &[(u32, u32)]| ImageMatches {
+            image,
+            pairs: pairs.iter().map(|&(keypoint, point)| Pair { keypoint, point }).collect(),
+        };
+        let matches =
+            [image(0, &[(1, 7), (2, 5)]), image(1, &[(1, 9)]), image(2, &[(1, 9), (1, 8), (1, 8)])];
+        let pairs: Vec<(u32, u32)> =
+            pool(&matches).iter().map(|pair| (pair.keypoint, pair.point)).collect();
+        assert_eq!(pairs, [(1, 8), (1, 9), (2, 5)]);
+    }
+}

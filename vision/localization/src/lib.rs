@@ -7,6 +7,7 @@ mod acceptance;
 mod bytes;
 mod correspondences;
 mod guided;
+mod refine;
 mod solve;
 
 pub use index::{IndexError, LocalizationIndex};

@@ -11,6 +11,7 @@ use crate::acceptance::{Evidence, MIN_INLIERS, covariance_in_map, judge};
 use crate::correspondences::Pair;
 use crate::guided::{KeypointGrid, match_projected};
 use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
+use crate::refine::{Sight, refine_weighted};
 
 /// Inlier threshold of the first pose, of an image 640 pixels wide.
 const MAX_ERROR_PX: f64 = 6.0;
@@ -21,8 +22,12 @@ const GUIDED_RADII_PX: [f64; 2] = [10.0, 4.0];
 const MIN_FIRST_INLIERS: usize = 8;
 const MAX_ITERATIONS: usize = 20_000;
 /// A rival with this part of the best pose's support makes the answer ambiguous.
-const RIVAL_SUPPORT: f64 = 0.5;
-/// Hypotheses drawn in search of a rival.
+const RIVAL_SUPPORT: f64 = 0.7;
+/// A believed pose with less than this part of a doubted one's support is not believed.
+const MIN_SUPPORT: f64 = 0.5;
+/// Poses tried per set of pairs.
+const MAX_CANDIDATES: usize = 3;
+/// Hypotheses drawn in search of another pose.
 const MAX_RIVAL_ITERATIONS: usize = 2_000;
 /// Poses are the same place within this part of the median depth, and this angle.
 const SAME_PLACE: f64 = 0.1;
@@ -65,45 +70,50 @@ impl<'a> PoseSolver<'a> {
         if pairs.len() < MIN_FIRST_INLIERS {
             return Status::NotFound(NotFoundReason::TooFewMatches);
         }
-        let Some(best) = self.candidate(pairs, MIN_FIRST_INLIERS, MAX_ITERATIONS) else {
-            return Status::NotFound(NotFoundReason::TooFewInliers);
+        let found = self.candidates(pairs);
+        let reason = match found.first() {
+            None => return Status::NotFound(NotFoundReason::TooFewInliers),
+            Some(first) => first.verdict.err(),
         };
-        if let Err(reason) = best.verdict {
-            return Status::NotFound(reason);
+        let most_support = found.iter().map(|c| c.inliers.len()).max().unwrap_or(0);
+        let (mut believed, doubted): (Vec<_>, Vec<_>) =
+            found.into_iter().partition(|candidate| candidate.verdict.is_ok());
+        believed.sort_by_key(|candidate| std::cmp::Reverse(candidate.inliers.len()));
+        let Some(best) = believed.first() else {
+            return Status::NotFound(reason.unwrap_or(NotFoundReason::TooFewInliers));
+        };
+        let is_outdone = (best.inliers.len() as f64) < MIN_SUPPORT * most_support as f64;
+        if let (true, Some(doubt)) = (is_outdone, doubted.first()) {
+            let reason = doubt.verdict.err();
+            return Status::NotFound(reason.unwrap_or(NotFoundReason::TooFewInliers));
         }
-        if contradicts(&best.estimate, prior) {
-            return Status::Ambiguous(vec![best.estimate]);
+        let num_poses = 1 + believed[1..].iter().filter(|other| rivals(best, other)).count();
+        if num_poses == 1 && !contradicts(&best.estimate, prior) {
+            return Status::Ok(best.estimate.clone());
         }
-        match self.rival(pairs, &best) {
-            Some(rival) => {
-                let mut poses = vec![best.estimate, rival.estimate];
-                poses.sort_by_key(|pose| std::cmp::Reverse(pose.num_inliers));
-                Status::Ambiguous(poses)
-            }
-            None => Status::Ok(best.estimate),
-        }
+        believed.truncate(num_poses);
+        Status::Ambiguous(believed.into_iter().map(|candidate| candidate.estimate).collect())
     }
 
-    /// The best supported pose elsewhere, if its support compares to that of `best`.
-    fn rival(&self, pairs: &[Pair], best: &Candidate) -> Option<Candidate> {
-        let far = 4.0 * MAX_ERROR_PX * self.pixel_scale;
-        let others: Vec<Pair> = pairs
-            .iter()
-            .copied()
-            .filter(|pair| {
-                let pixel = self.camera.project(&(best.cam_from_world * self.position(pair)));
+    /// Poses that explain parts of `pairs`, each what the ones before it leave over: until one is
+    /// believed and a rival of it was looked for.
+    fn candidates(&self, pairs: &[Pair]) -> Vec<Candidate> {
+        let (mut found, mut left) = (Vec::<Candidate>::new(), pairs.to_vec());
+        for round in 0..MAX_CANDIDATES {
+            let iterations = if round == 0 { MAX_ITERATIONS } else { MAX_RIVAL_ITERATIONS };
+            let had_believed = found.iter().any(|candidate| candidate.verdict.is_ok());
+            let Some(next) = self.candidate(&left, MIN_FIRST_INLIERS, iterations) else { break };
+            let far = 4.0 * MAX_ERROR_PX * self.pixel_scale;
+            left.retain(|pair| {
+                let pixel = self.camera.project(&(next.cam_from_world * self.position(pair)));
                 pixel.is_none_or(|pixel| (pixel - self.pixel(pair)).norm() > far)
-            })
-            .collect();
-        let rival = self.candidate(&others, MIN_FIRST_INLIERS, MAX_RIVAL_ITERATIONS)?;
-        let distance = (rival.estimate.map_from_camera.translation.vector
-            - best.estimate.map_from_camera.translation.vector)
-            .norm();
-        let angle = rival.cam_from_world.rotation.angle_to(&best.cam_from_world.rotation);
-        let elsewhere =
-            distance > SAME_PLACE * best.median_depth || angle > SAME_ROTATION_DEG.to_radians();
-        let comparable = rival.inliers.len() as f64 >= RIVAL_SUPPORT * best.inliers.len() as f64;
-        (elsewhere && comparable && rival.verdict.is_ok()).then_some(rival)
+            });
+            found.push(next);
+            if had_believed {
+                break;
+            }
+        }
+        found
     }
 
     fn pixel(&self, pair: &Pair) -> Point2<f64> {
@@ -112,6 +122,29 @@ impl<'a> PoseSolver<'a> {
 
     fn position(&self, pair: &Pair) -> Point3<f64> {
         self.index.points[pair.point as usize].position
+    }
+
+    /// One per place: a keypoint described twice, for two orientations, is one measurement.
+    fn sights(&self, pairs: &[Pair]) -> Vec<Sight> {
+        let mut places: Vec<(i64, i64)> = Vec::new();
+        let mut sights = Vec::with_capacity(pairs.len());
+        for pair in pairs {
+            let pixel = self.pixel(pair);
+            let place = ((pixel.x * 2.0).floor() as i64, (pixel.y * 2.0).floor() as i64);
+            if places.contains(&place) {
+                continue;
+            }
+            places.push(place);
+            let point = &self.index.points[pair.point as usize];
+            let scale = f64::from(self.features.keypoints[pair.keypoint as usize].scale);
+            sights.push(Sight {
+                pixel,
+                relative_sigma: (1.0 + 0.25 * scale * scale).sqrt(),
+                point: point.position,
+                covariance: point.covariance.map(f64::from),
+            });
+        }
+        sights
     }
 
     fn split(&self, pairs: &[Pair]) -> (Vec<Point2<f64>>, Vec<Point3<f64>>) {
@@ -155,7 +188,10 @@ impl<'a> PoseSolver<'a> {
             refined = Some((better, sighted.pairs.len(), sighted.num_visible));
         }
         let (refined, num_pairs, num_visible) = refined?;
-        let covariance = covariance_in_map(&pose, &refined.covariance);
+        let sights = self.sights(&inliers);
+        let weighted = refine_weighted(&sights, self.camera, &pose)?;
+        let pose = weighted.cam_from_world;
+        let covariance = covariance_in_map(&pose, &weighted.covariance);
         let median_depth = self.median_depth(&pose, &inliers);
         let (pixels, _) = self.split(&inliers);
         let evidence =
@@ -181,6 +217,17 @@ impl<'a> PoseSolver<'a> {
         depths.sort_by(f64::total_cmp);
         depths.get(depths.len() / 2).copied().unwrap_or(0.0)
     }
+}
+
+/// Whether two believed poses are elsewhere with comparable support.
+fn rivals(best: &Candidate, other: &Candidate) -> bool {
+    let distance = (other.estimate.map_from_camera.translation.vector
+        - best.estimate.map_from_camera.translation.vector)
+        .norm();
+    let angle = other.cam_from_world.rotation.angle_to(&best.cam_from_world.rotation);
+    let elsewhere =
+        distance > SAME_PLACE * best.median_depth || angle > SAME_ROTATION_DEG.to_radians();
+    elsewhere && other.inliers.len() as f64 >= RIVAL_SUPPORT * best.inliers.len() as f64
 }
 
 fn kept(pairs: &[Pair], inliers: &[bool]) -> Vec<Pair> {
