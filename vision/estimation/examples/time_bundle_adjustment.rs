@@ -82,9 +82,8 @@ fn scene(
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     };
-    let camera =
-        Camera::new(CameraModel::SimpleRadial, 1280, 960, &[1000.0, 640.0, 480.0, -0.05])
-            .expect("sound parameters");
+    let camera = Camera::new(CameraModel::SimpleRadial, 1280, 960, &[1000.0, 640.0, 480.0, -0.05])
+        .expect("sound parameters");
     let poses: Vec<_> = (0..num_poses)
         .map(|index| {
             let angle = index as f64 / num_poses as f64 * std::f64::consts::TAU;
@@ -130,8 +129,7 @@ fn scene(
         *point += Vector3::new(random(), random(), random()) * 0.05;
     }
     for pose in &mut problem.poses {
-        pose.cam_from_world.translation.vector +=
-            Vector3::new(random(), random(), random()) * 0.05;
+        pose.cam_from_world.translation.vector += Vector3::new(random(), random(), random()) * 0.05;
     }
     problem
 }

@@ -169,8 +169,8 @@ mod tests {
                             fast.d_point[axis][column] - expected.d_point[(axis, column)];
                         assert!(difference.abs() < 1e-9, "{model:?} {axis} {column}");
                     }
-                    for index in 0..MAX_CAMERA_PARAMS {
-                        let difference = d_params[axis][index] - expected.d_params[(axis, index)];
+                    for (index, found) in d_params[axis].iter().enumerate() {
+                        let difference = found - expected.d_params[(axis, index)];
                         assert!(difference.abs() < 1e-9, "{model:?} parameter {index}");
                     }
                 }

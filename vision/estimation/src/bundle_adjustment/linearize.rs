@@ -365,9 +365,9 @@ pub(super) fn step_points<const FMA: bool>(
         } else {
             pass.state.points[point]
         };
-        for k in 0..3 {
+        for (k, delta) in delta.iter().enumerate() {
             predicted +=
-                0.5 * delta[k] * (pass.damping * terms.diagonal[k] * delta[k] - terms.gradient[k]);
+                0.5 * delta * (pass.damping * terms.diagonal[k] * delta - terms.gradient[k]);
         }
     }
     predicted

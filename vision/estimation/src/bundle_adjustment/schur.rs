@@ -110,8 +110,8 @@ impl Pattern {
         let total: usize = work.iter().sum();
         let num_groups = layout.chunks.len().clamp(1, MAX_CHUNKS);
         let (mut start, mut done) = (0, 0);
-        for row in 0..layout.num_blocks() {
-            done += work[row];
+        for (row, work) in work.into_iter().enumerate() {
+            done += work;
             let is_last = row + 1 == layout.num_blocks();
             if is_last || done * num_groups >= total * (self.groups.len() + 1) {
                 let scratch = vec![[0.0; LANES]; layout.num_blocks() * LANES];
@@ -123,6 +123,7 @@ impl Pattern {
 
     /// Writes the damped lower triangle of S by columns: dense with `num_unknowns` rows each, or
     /// packed to the pattern. `column_starts` has one entry per scalar column and the end.
+    #[allow(clippy::too_many_arguments)]
     pub(super) fn reduce(
         &mut self,
         isa: Isa,
