@@ -13,6 +13,7 @@ use crate::{Camera, Prior};
 #[serde(deny_unknown_fields)]
 pub struct CreateCamera {
     /// For people.
+    #[schema(min_length = 1, max_length = 200)]
     pub name: String,
     /// Intrinsics.
     pub camera: Camera,
@@ -36,6 +37,7 @@ pub struct StoredCamera {
 #[serde(deny_unknown_fields)]
 pub struct CreateImageSet {
     /// For people.
+    #[schema(min_length = 1, max_length = 200)]
     pub name: String,
     /// Camera of all its images that have none of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]

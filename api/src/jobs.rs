@@ -23,6 +23,7 @@ pub struct CreateJob {
     #[serde(default)]
     pub kind: JobKind,
     /// Whose images to use, in order.
+    #[schema(min_items = 1, max_items = 100)]
     pub imageset_ids: Vec<Uuid>,
     /// The map that gets a new version; a new map when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -46,6 +47,7 @@ pub struct CreateJob {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<OriginRule>,
     /// Photos are made smaller until no side is longer, pixels.
+    #[schema(minimum = 64, maximum = 16384)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_image_size: Option<u32>,
     /// Groups of stages to run; all when empty.
@@ -231,6 +233,7 @@ pub struct EventsQuery {
     /// Events with greater numbers only.
     pub after: Option<u64>,
     /// Most events to answer, 1 to 1000.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
 }
 
@@ -243,6 +246,7 @@ pub struct JobsQuery {
     /// `cancelled`.
     pub state: Option<String>,
     /// Most items to answer, 1 to 1000; 100 when absent.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// `next_cursor` of the page before.
     pub cursor: Option<String>,

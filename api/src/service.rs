@@ -45,6 +45,7 @@ impl Role {
 #[serde(deny_unknown_fields)]
 pub struct CreateToken {
     /// Who or what it is for.
+    #[schema(min_length = 1, max_length = 200)]
     pub name: String,
     /// What it may do.
     pub role: Role,
@@ -84,6 +85,7 @@ pub struct CreatedToken {
 #[into_params(parameter_in = Query)]
 pub struct PageQuery {
     /// Most items to answer, 1 to 1000; 100 when absent.
+    #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// `next_cursor` of the page before.
     pub cursor: Option<String>,

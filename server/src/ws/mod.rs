@@ -26,8 +26,7 @@ const MAX_FRAME_HEADER: u64 = 64 << 10;
 /// `ClientMessage`, `ServerMessage` and `FrameHeader`. Where headers cannot be set, the token goes
 /// into the subprotocol `bearer.<token>`.
 #[utoipa::path(get, path = "/v1/ws", tag = "socket",
-    responses((status = 101, description = "The socket is open"),
-        (status = 426, description = "The request asks for no socket", body = volery_api::Problem)))]
+    responses((status = 101, description = "The socket is open")))]
 pub(crate) async fn open_socket(
     State(app): State<Arc<App>>,
     _caller: Viewer,
