@@ -30,6 +30,9 @@ pub struct RotationEdge {
     pub weight: f64,
 }
 
+/// Direction of world +z in the camera frame with its sigma, radians.
+pub type KnownUp = (Unit<Vector3<f64>>, f64);
+
 /// Absolute rotations with what they leave of each edge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RotationAverage {
@@ -58,7 +61,7 @@ pub struct RotationAverage {
 pub fn average_rotations(
     num_images: usize,
     edges: &[RotationEdge],
-    up_in_cam: &[Option<(Unit<Vector3<f64>>, f64)>],
+    up_in_cam: &[Option<KnownUp>],
 ) -> RotationAverage {
     let is_sound = |edge: &RotationEdge| {
         edge.i != edge.j
@@ -146,10 +149,7 @@ fn spanning_tree(
 }
 
 /// Turns the world so that the mean of the known ups becomes +z.
-fn make_upright(
-    rotations: &mut [Option<UnitQuaternion<f64>>],
-    up_in_cam: &[Option<(Unit<Vector3<f64>>, f64)>],
-) {
+fn make_upright(rotations: &mut [Option<UnitQuaternion<f64>>], up_in_cam: &[Option<KnownUp>]) {
     let mean: Vector3<f64> = rotations
         .iter()
         .zip(up_in_cam)
@@ -171,7 +171,7 @@ fn make_upright(
 fn refine(
     rotations: &mut [Option<UnitQuaternion<f64>>],
     edges: &[RotationEdge],
-    up_in_cam: &[Option<(Unit<Vector3<f64>>, f64)>],
+    up_in_cam: &[Option<KnownUp>],
 ) {
     // Nodes of the graph are the images of the component.
     let images: Vec<usize> = (0..rotations.len()).filter(|&i| rotations[i].is_some()).collect();
