@@ -5,9 +5,9 @@ mod refinement;
 mod sampling;
 
 use nalgebra::{Isometry3, Matrix6, Point2, Point3};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, Rng};
 
-use crate::ransac::{Random, RansacOptions, lo_ransac};
+use crate::ransac::{RansacOptions, lo_ransac};
 pub use focal::estimate_absolute_pose_and_focal;
 pub use refinement::{RefinedPose, refine_absolute_pose};
 use sampling::PoseEstimator;
@@ -102,7 +102,7 @@ pub fn estimate_absolute_pose(
         min_iterations: MIN_ITERATIONS,
         max_iterations: options.max_iterations,
     };
-    let found = lo_ransac(&estimator, &[], &ransac, &mut Random::new(seed)).ok_or(too_few(0))?;
+    let found = lo_ransac(&estimator, &[], &ransac, &mut Rng::new(seed)).ok_or(too_few(0))?;
     if found.score.num_inliers < MIN_CORRESPONDENCES {
         return Err(too_few(found.score.num_inliers));
     }

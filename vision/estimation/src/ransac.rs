@@ -4,10 +4,9 @@
 //! is refined over all its inliers before the search goes on.
 
 pub(crate) mod least_squares;
-mod random;
 
 use arrayvec::ArrayVec;
-pub use random::Random;
+use volery_geometry::Rng;
 
 /// Most hypotheses of one sample (the five-point solver has ten).
 pub const MAX_HYPOTHESES: usize = 10;
@@ -87,7 +86,7 @@ pub fn lo_ransac<E: Estimator>(
     estimator: &E,
     start: &[E::Model],
     options: &RansacOptions,
-    random: &mut Random,
+    random: &mut Rng,
 ) -> Option<RansacResult<E::Model>> {
     let num_data = estimator.num_data();
     if num_data < E::SAMPLE_SIZE {

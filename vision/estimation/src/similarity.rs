@@ -2,9 +2,9 @@
 
 use arrayvec::ArrayVec;
 use nalgebra::{Point3, Similarity3};
-use volery_geometry::alignment::{AlignError, similarity_from_points};
+use volery_geometry::{AlignError, Rng, similarity_from_points};
 
-use crate::ransac::{Estimator, Hypotheses, Random, RansacOptions, Score, lo_ransac};
+use crate::ransac::{Estimator, Hypotheses, RansacOptions, Score, lo_ransac};
 
 /// Options of [`estimate_similarity`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,7 +83,7 @@ pub fn estimate_similarity(
     let needed = options.min_inliers.max(3);
     let too_few = |num_inliers| SimilarityError::TooFewInliers { num_inliers, total, needed };
     let found =
-        lo_ransac(&estimator, &[], &ransac, &mut Random::new(seed)).ok_or(AlignError::Collinear)?;
+        lo_ransac(&estimator, &[], &ransac, &mut Rng::new(seed)).ok_or(AlignError::Collinear)?;
     if found.score.num_inliers < needed {
         return Err(too_few(found.score.num_inliers));
     }
@@ -158,21 +158,21 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::test_scene::{normal_vector, room_point};
+    use crate::test_scene::room_point;
 
     #[test]
     fn half_the_correspondences_are_wrong() {
         let truth =
             Similarity3::new(Vector3::new(3.0, -1.0, 0.5), Vector3::new(0.2, 2.0, -0.4), 1.7);
         for seed in 0..20 {
-            let mut random = Random::new(seed);
+            let mut random = Rng::new(seed);
             let source: Vec<_> = (0..80).map(|_| room_point(&mut random)).collect();
             let target: Vec<_> = source
                 .iter()
                 .enumerate()
                 .map(|(i, p)| {
                     let p = if i < 40 { *p } else { room_point(&mut random) };
-                    truth * p + normal_vector(&mut random) * 0.01
+                    truth * p + random.normal3() * 0.01
                 })
                 .collect();
             let found =
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(solve(&[], &[]), Err(AlignError::TooFewPoints { got: 0 }.into()));
         let line: Vec<_> = (0..9).map(|i| Point3::new(f64::from(i), 0.0, 1.0)).collect();
         assert_eq!(solve(&line, &line), Err(AlignError::Collinear.into()));
-        let mut random = Random::new(1);
+        let mut random = Rng::new(1);
         let mut cloud = || -> Vec<_> { (0..30).map(|_| room_point(&mut random)).collect() };
         let (a, mut b) = (cloud(), cloud());
         let many = SimilarityOptions { min_inliers: 12, ..Default::default() };

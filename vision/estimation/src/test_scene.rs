@@ -1,40 +1,24 @@
 //! Scenes with known truth for the tests of this crate.
 
 use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
-use volery_geometry::{Camera, CameraModel};
+use volery_geometry::{Camera, CameraModel, Rng};
 use volery_scene::FeatureMatch;
-
-use crate::ransac::Random;
 
 /// 70 degrees across 1280 pixels.
 pub(crate) fn camera() -> Camera {
     Camera::from_focal(CameraModel::Pinhole, 1280, 960, 914.0).unwrap()
 }
 
-/// Standard normal by Box and Muller.
-pub(crate) fn normal(random: &mut Random) -> f64 {
-    let (u, v) = (1.0 - random.unit(), random.unit());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-}
-
-pub(crate) fn normal_vector(random: &mut Random) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| normal(random))
-}
-
-pub(crate) fn between(random: &mut Random, low: f64, high: f64) -> f64 {
-    low + (high - low) * random.unit()
-}
-
 /// A random point of a room of 8 x 6 x 3 meters, the camera's y down, seen from its middle: three
 /// in four on walls, floor or ceiling, the others on things in it.
-pub(crate) fn room_point(random: &mut Random) -> Point3<f64> {
+pub(crate) fn room_point(random: &mut Rng) -> Point3<f64> {
     let half = Vector3::new(4.0, 1.5, 3.0);
-    let mut p = Vector3::from_fn(|i, _| between(random, -half[i], half[i]));
-    if random.unit() < 0.25 && p.norm() > 1.0 {
+    let mut p = Vector3::from_fn(|i, _| random.range(-half[i], half[i]));
+    if random.uniform() < 0.25 && p.norm() > 1.0 {
         return Point3::from(p);
     }
-    let axis = [0, 0, 2, 2, 2, 2, 1][random.below(7)];
-    p[axis] = if random.unit() < 0.5 { half[axis] } else { -half[axis] };
+    let axis = [0, 0, 2, 2, 2, 2, 1][random.index(7)];
+    p[axis] = if random.uniform() < 0.5 { half[axis] } else { -half[axis] };
     Point3::from(p)
 }
 
@@ -58,9 +42,9 @@ pub(crate) struct Pair {
 
 /// `num_true` points that both cameras see, with noise, then `num_false` random matches.
 pub(crate) fn pair(
-    random: &mut Random,
+    random: &mut Rng,
     poses: [Isometry3<f64>; 2],
-    mut point: impl FnMut(&mut Random) -> Point3<f64>,
+    mut point: impl FnMut(&mut Rng) -> Point3<f64>,
     num_true: usize,
     num_false: usize,
     noise_px: f64,
@@ -76,14 +60,13 @@ pub(crate) fn pair(
             camera.project(&(pose * p)).filter(|pixel| camera.contains(pixel))
         };
         if let (Some(a), Some(b)) = (seen(&poses[0]), seen(&poses[1])) {
-            let noise = |r: &mut Random| Vector2::new(normal(r), normal(r)) * noise_px;
+            let noise = |r: &mut Rng| Vector2::new(r.normal(), r.normal()) * noise_px;
             pixels1.push(a + noise(random));
             pixels2.push(b + noise(random));
         }
     }
     for _ in 0..num_false {
-        let anywhere =
-            |r: &mut Random| Point2::new(between(r, 0.0, 1280.0), between(r, 0.0, 960.0));
+        let anywhere = |r: &mut Rng| Point2::new(r.range(0.0, 1280.0), r.range(0.0, 960.0));
         pixels1.push(anywhere(random));
         pixels2.push(anywhere(random));
     }

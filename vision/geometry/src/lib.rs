@@ -1,4 +1,5 @@
-//! Transforms, cameras, epipolar geometry, triangulation, frames.
+//! Transforms, cameras, epipolar geometry, triangulation, frames, and the numerics that several
+//! crates share.
 //!
 //! Camera axes: x right, y down, z forward. Pixels: corners at integers, the center of the first
 //! pixel is (0.5, 0.5). Transforms are named `b_from_a`: `x_in_b = b_from_a * x_in_a`.
@@ -6,9 +7,13 @@
 pub mod alignment;
 pub mod camera;
 pub mod camera_model;
+mod distortion;
 pub mod epipolar;
 pub mod frames;
 pub mod homography;
+pub mod perturbation;
+pub mod rng;
+pub mod statistics;
 pub mod triangulation;
 
 pub use alignment::{AlignError, similarity_from_points};
@@ -17,3 +22,6 @@ pub use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion,
     Vector2, Vector3,
 };
+pub use perturbation::perturbed;
+pub use rng::Rng;
+pub use statistics::median;

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::Rng;
-use crate::rng::mix;
+use volery_geometry::rng::mix;
 
 /// Red, green, blue, 0..1 as displayed.
 pub(crate) type Color = [f32; 3];

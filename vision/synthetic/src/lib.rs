@@ -15,7 +15,6 @@ mod light;
 pub mod paint;
 pub mod points;
 pub mod render;
-pub mod rng;
 pub mod room;
 pub mod sensor;
 pub mod telemetry;
@@ -27,7 +26,7 @@ pub use flight::{CenterMotion, along_wall, cam_from_heading, circle, random_walk
 pub use hall::Hall;
 pub use points::{PointOptions, PointScene, paper_camera};
 pub use render::{Renderer, Rendering};
-pub use rng::Rng;
 pub use room::{Cuboid, Room, SurfacePoint};
 pub use sensor::{Photo, Sensor};
 pub use telemetry::{TelemetryNoise, telemetry, telemetry_csv};
+pub use volery_geometry::{Rng, rng};

@@ -1,9 +1,9 @@
 //! Pose and focal length together, for a camera whose focal length is a guess.
 
 use nalgebra::{Isometry3, Point2, Point3, SVector};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, perturbed};
 
-use super::refinement::{linearized, perturb, robust_sigma};
+use super::refinement::{linearized, robust_sigma};
 use super::{AbsolutePose, AbsolutePoseError, AbsolutePoseOptions, estimate_absolute_pose};
 use crate::ransac::least_squares::{Loss, Normal, levenberg_marquardt};
 
@@ -116,7 +116,7 @@ fn refine_with_focal(
     };
     let apply = |(pose, factor): &(Isometry3<f64>, f64), step: &SVector<f64, 7>| {
         (
-            perturb(pose, &step.fixed_rows::<6>(0).into_owned()),
+            perturbed(pose, &step.fixed_rows::<6>(0).into_owned()),
             factor * step[6].clamp(-0.5, 0.5).exp(),
         )
     };

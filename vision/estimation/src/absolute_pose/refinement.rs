@@ -1,7 +1,7 @@
 //! Robust refinement of a pose on the true reprojection error, with its covariance.
 
-use nalgebra::{Isometry3, Matrix6, Point2, Point3, SVector, UnitQuaternion, Vector2, Vector3};
-use volery_geometry::Camera;
+use nalgebra::{Isometry3, Matrix6, Point2, Point3, Vector2};
+use volery_geometry::{Camera, median, perturbed};
 
 use crate::ransac::least_squares::{Loss, Normal, levenberg_marquardt};
 
@@ -80,7 +80,7 @@ pub fn refine_absolute_pose(
             }
             normal.finish()
         };
-        let refined = levenberg_marquardt(pose, MAX_ITERATIONS, TOLERANCE, linearize, perturb);
+        let refined = levenberg_marquardt(pose, MAX_ITERATIONS, TOLERANCE, linearize, perturbed);
         let moved = (refined.inverse() * pose).translation.vector.norm()
             + refined.rotation.angle_to(&pose.rotation);
         pose = refined;
@@ -142,11 +142,9 @@ fn covariance(
 }
 
 /// Median-based standard deviation per coordinate from squared norms of two-dimensional
-/// residuals: the median of χ²₂ is 2 ln 2.
+/// residuals: the median of χ²₂ is 2 ln 2. Zero without residuals.
 pub(super) fn robust_sigma(mut squared: Vec<f64>) -> f64 {
-    let middle = squared.len() / 2;
-    let (_, median, _) = squared.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / (2.0 * std::f64::consts::LN_2)).sqrt()
+    (median(&mut squared).unwrap_or(0.0) / (2.0 * std::f64::consts::LN_2)).sqrt()
 }
 
 /// Residual and the rows of its derivative by a left perturbation.
@@ -165,11 +163,4 @@ pub(super) fn linearized(
         [w.x, w.y, w.z, d.x, d.y, d.z]
     });
     Some((projection.pixel - pixel, rows))
-}
-
-/// `exp(ξ) · pose` to first order, the rotation exactly.
-pub(super) fn perturb(pose: &Isometry3<f64>, step: &SVector<f64, 6>) -> Isometry3<f64> {
-    let omega = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
-    let tau = Vector3::new(step[3], step[4], step[5]);
-    Isometry3::from_parts((omega * pose.translation.vector + tau).into(), omega * pose.rotation)
 }

@@ -1,5 +1,5 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3, Vector6};
-use volery_geometry::{Camera, CameraModel};
+use volery_geometry::{Camera, CameraModel, Rng};
 
 use super::*;
 use crate::test_scene::*;
@@ -11,16 +11,10 @@ struct View {
 }
 
 /// A random view of a room; the last `num_false` correspondences are wrong.
-fn view(
-    random: &mut Random,
-    camera: &Camera,
-    num_true: usize,
-    num_false: usize,
-    noise: f64,
-) -> View {
-    let center = Vector3::from_fn(|i, _| between(random, -1.0, 1.0) * [2.0, 0.5, 1.5][i]);
-    let yaw = between(random, -3.0, 3.0);
-    let cam_from_world = pose(center, yaw, between(random, -0.2, 0.2), between(random, -0.2, 0.2));
+fn view(random: &mut Rng, camera: &Camera, num_true: usize, num_false: usize, noise: f64) -> View {
+    let center = Vector3::from_fn(|i, _| random.range(-1.0, 1.0) * [2.0, 0.5, 1.5][i]);
+    let yaw = random.range(-3.0, 3.0);
+    let cam_from_world = pose(center, yaw, random.range(-0.2, 0.2), random.range(-0.2, 0.2));
     let (mut pixels, mut points) = (Vec::new(), Vec::new());
     while points.len() < num_true {
         let p = room_point(random);
@@ -31,13 +25,13 @@ fn view(
             let seen = cam_from_world * p;
             ray.is_some_and(|ray| (ray.coords - seen.coords / seen.z).norm() < 1e-6)
         }) {
-            pixels.push(pixel + Vector2::new(normal(random), normal(random)) * noise);
+            pixels.push(pixel + Vector2::new(random.normal(), random.normal()) * noise);
             points.push(p);
         }
     }
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     for _ in 0..num_false {
-        pixels.push(Point2::new(between(random, 0.0, w), between(random, 0.0, h)));
+        pixels.push(Point2::new(random.range(0.0, w), random.range(0.0, h)));
         points.push(room_point(random));
     }
     View { pixels, points, cam_from_world }
@@ -63,7 +57,7 @@ fn cameras() -> Vec<Camera> {
 #[test]
 fn noise_free_gives_the_truth_back() {
     for camera in cameras() {
-        let mut random = Random::new(3);
+        let mut random = Rng::new(3);
         let view = view(&mut random, &camera, 60, 20, 0.0);
         let found = estimate_absolute_pose(
             &view.pixels,
@@ -95,7 +89,7 @@ fn covariance_is_honest() {
         let (mut inside, mut sum) = (0, 0.0);
         let runs = 200;
         for seed in 0..runs {
-            let mut random = Random::new(seed);
+            let mut random = Rng::new(seed);
             let view = view(&mut random, &camera, num_true, num_false, noise);
             let found = estimate_absolute_pose(
                 &view.pixels,
@@ -122,7 +116,7 @@ fn covariance_is_honest() {
 fn nine_in_ten_may_be_wrong() {
     let camera = camera();
     for seed in 0..5 {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let view = view(&mut random, &camera, 50, 450, 0.7);
         let found = estimate_absolute_pose(
             &view.pixels,
@@ -140,7 +134,7 @@ fn nine_in_ten_may_be_wrong() {
 #[test]
 fn too_little_is_said_with_figures() {
     let camera = camera();
-    let mut random = Random::new(1);
+    let mut random = Rng::new(1);
     let good = view(&mut random, &camera, 30, 0, 0.5);
     let solve = |pixels: &[Point2<f64>], points: &[Point3<f64>]| {
         estimate_absolute_pose(pixels, points, &camera, &AbsolutePoseOptions::default(), 1)
@@ -168,7 +162,7 @@ fn too_little_is_said_with_figures() {
 #[test]
 fn same_seed_same_answer() {
     let camera = camera();
-    let view = view(&mut Random::new(2), &camera, 60, 60, 0.5);
+    let view = view(&mut Rng::new(2), &camera, 60, 60, 0.5);
     let solve = || {
         estimate_absolute_pose(
             &view.pixels,
@@ -185,7 +179,7 @@ fn same_seed_same_answer() {
 #[test]
 fn far_from_the_origin_is_as_good() {
     let camera = camera();
-    let mut view = view(&mut Random::new(2), &camera, 60, 30, 0.5);
+    let mut view = view(&mut Rng::new(2), &camera, 60, 30, 0.5);
     let shift = Vector3::new(4.5e5, 5.6e6, 120.0);
     view.points.iter_mut().for_each(|p| *p += shift);
     let found = estimate_absolute_pose(
@@ -206,7 +200,7 @@ fn far_from_the_origin_is_as_good() {
 fn a_wrong_focal_length_is_mended() {
     let truth = camera();
     for (seed, guess) in [(0, 914.0 * 0.94), (1, 914.0 * 1.3), (2, 914.0 * 0.7), (3, 914.0)] {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let view = view(&mut random, &truth, 150, 80, 0.7);
         let guessed = Camera::from_focal(CameraModel::Pinhole, 1280, 960, guess).unwrap();
         let (found, camera) = estimate_absolute_pose_and_focal(

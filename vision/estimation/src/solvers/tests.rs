@@ -1,24 +1,24 @@
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
+use volery_geometry::Rng;
 use volery_geometry::epipolar::{essential_from_pose, squared_sampson_error};
 
 use super::*;
-use crate::ransac::Random;
-use crate::test_scene::{between, normal_vector, pose, room_point};
+use crate::test_scene::{pose, room_point};
 
 /// A random motion with n points in front of both cameras, as seen by each.
 fn motion<const N: usize>(
-    random: &mut Random,
+    random: &mut Rng,
 ) -> (Isometry3<f64>, [Vector3<f64>; N], [Vector3<f64>; N]) {
     loop {
-        let center = normal_vector(random) * 0.5;
-        let motion = pose(center, between(random, -0.3, 0.3), 0.1, between(random, -0.3, 0.3));
+        let center = random.normal3() * 0.5;
+        let motion = pose(center, random.range(-0.3, 0.3), 0.1, random.range(-0.3, 0.3));
         let mut seen = Vec::new();
         for _ in 0..1000 {
             // Not on walls: six points of one plane leave F open.
             let p = Point3::new(
-                between(random, -2.0, 2.0),
-                between(random, -2.0, 2.0),
-                between(random, 1.0, 5.0),
+                random.range(-2.0, 2.0),
+                random.range(-2.0, 2.0),
+                random.range(1.0, 5.0),
             );
             if p.z > 0.5 && (motion * p).z > 0.5 && seen.len() < N {
                 seen.push(p);
@@ -49,7 +49,7 @@ fn flat<const N: usize>(x: &[Vector3<f64>; N]) -> [Point2<f64>; N] {
 fn five_points_give_the_essential_matrix() {
     let mut missed = 0;
     for seed in 0..500 {
-        let (truth, x1, x2) = motion::<5>(&mut Random::new(seed));
+        let (truth, x1, x2) = motion::<5>(&mut Rng::new(seed));
         let solutions = relpose_5pt(&x1, &x2);
         let e = essential_from_pose(&truth);
         missed += usize::from(!solutions.iter().any(|s| unit_distance(s, &e) < 1e-5));
@@ -66,14 +66,14 @@ fn five_points_give_the_essential_matrix() {
 #[test]
 fn seven_and_eight_points_give_the_fundamental_matrix() {
     for seed in 0..200 {
-        let (truth, x1, x2) = motion::<7>(&mut Random::new(seed));
+        let (truth, x1, x2) = motion::<7>(&mut Rng::new(seed));
         let e = essential_from_pose(&truth);
         let solutions = fundamental_7pt(&flat(&x1), &flat(&x2));
         let nearest = solutions.iter().map(|f| unit_distance(f, &e)).fold(9.0, f64::min);
         assert!(nearest < 1e-5, "seed {seed}: {nearest}");
         assert!(solutions.iter().all(|f| f.determinant().abs() < 1e-9));
 
-        let (truth, x1, x2) = motion::<12>(&mut Random::new(seed));
+        let (truth, x1, x2) = motion::<12>(&mut Rng::new(seed));
         // In pixels: without Hartley's normalization this loses its digits.
         let pixels = |x: &[Vector3<f64>; 12]| {
             flat(x).map(|p| Point2::from(p.coords * 900.0 + nalgebra::Vector2::new(640.0, 480.0)))
@@ -93,11 +93,11 @@ fn seven_and_eight_points_give_the_fundamental_matrix() {
 
 #[test]
 fn four_points_give_the_homography() {
-    let mut random = Random::new(3);
+    let mut random = Rng::new(3);
     for _ in 0..200 {
-        let h = Matrix3::identity() + Matrix3::from_fn(|_, _| between(&mut random, -0.2, 0.2));
+        let h = Matrix3::identity() + Matrix3::from_fn(|_, _| random.range(-0.2, 0.2));
         let x1: [Vector3<f64>; 4] = [(-1.0, -1.0), (1.0, -0.8), (0.9, 1.1), (-1.2, 0.7)]
-            .map(|(x, y)| Vector3::new(x + between(&mut random, -0.2, 0.2), y, 1.0));
+            .map(|(x, y)| Vector3::new(x + random.range(-0.2, 0.2), y, 1.0));
         let x2 = x1.map(|x| h * x);
         assert!(unit_distance(&homography_4pt(&x1, &x2).unwrap(), &h) < 1e-9);
         assert!(unit_distance(&homography_dlt(&flat(&x1), &flat(&x2)).unwrap(), &h) < 1e-6);
@@ -109,10 +109,10 @@ fn four_points_give_the_homography() {
 
 #[test]
 fn two_rays_give_the_rotation() {
-    let mut random = Random::new(8);
+    let mut random = Rng::new(8);
     for _ in 0..100 {
-        let truth = nalgebra::Rotation3::new(normal_vector(&mut random));
-        let b1: [Vector3<f64>; 2] = std::array::from_fn(|_| normal_vector(&mut random).normalize());
+        let truth = nalgebra::Rotation3::new(random.normal3());
+        let b1: [Vector3<f64>; 2] = std::array::from_fn(|_| random.normal3().normalize());
         let found = rotation_2pt(&b1, &b1.map(|b| truth * b)).unwrap();
         assert!((found.matrix() - truth.matrix()).norm() < 1e-7);
         let many = rotation_from_bearings(b1.iter().map(|b| (*b, truth * b, 2.0))).unwrap();
@@ -129,8 +129,8 @@ fn two_rays_give_the_rotation() {
 fn three_points_give_the_pose() {
     let mut missed = 0;
     for seed in 0..2000 {
-        let mut random = Random::new(seed);
-        let truth = pose(normal_vector(&mut random), between(&mut random, -3.0, 3.0), 0.3, 0.2);
+        let mut random = Rng::new(seed);
+        let truth = pose(random.normal3(), random.range(-3.0, 3.0), 0.3, 0.2);
         let points: [Point3<f64>; 3] = std::array::from_fn(|_| {
             loop {
                 let p = room_point(&mut random);

@@ -1,6 +1,7 @@
 //! The inliers of a model and the answer made of them.
 
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion};
+use volery_geometry::median;
 use volery_scene::{FeatureMatch, ImageId, TwoViewGeometry, TwoViewKind};
 
 use super::correspondences::{homography_error, indices_below, pixel_from_scaled};
@@ -73,8 +74,7 @@ impl Verification<'_> {
                 (turn * pair.bearing1).cross(&pair.bearing2).norm().min(1.0).asin()
             })
             .collect();
-        let middle = parallax.len() / 2;
-        let (_, median_parallax, _) = parallax.select_nth_unstable_by(middle, f64::total_cmp);
+        let median_parallax = median(&mut parallax)?;
         let k1 = pixel_from_scaled(self.camera1).try_inverse()?;
         let k2 = pixel_from_scaled(self.camera2);
         let k2_inv_t = k2.try_inverse()?.transpose();
@@ -90,7 +90,7 @@ impl Verification<'_> {
             cam2_from_cam1,
             fundamental: scaled_fundamental.map(|f| unit(k2_inv_t * f * k1)),
             homography: scaled_homography.map(|h| unit(k2 * h * k1)),
-            median_parallax: *median_parallax,
+            median_parallax,
         })
     }
 }

@@ -1,6 +1,7 @@
 //! Searches each model among the matches of a pair.
 
 use nalgebra::{Matrix3, UnitQuaternion};
+use volery_geometry::Rng;
 
 use super::correspondences::{Correspondences, homography_error};
 use super::estimators::{
@@ -9,7 +10,7 @@ use super::estimators::{
 use super::refinement::{Effort, refine_homography};
 use super::verification::Verification;
 use crate::ransac::least_squares::Loss;
-use crate::ransac::{Estimator, Hypotheses, Random, RansacOptions, lo_ransac, num_samples};
+use crate::ransac::{Estimator, Hypotheses, RansacOptions, lo_ransac, num_samples};
 
 const FAILURE_PROBABILITY: f64 = 1e-3;
 const MIN_ITERATIONS: usize = 20;
@@ -33,7 +34,7 @@ impl Verification<'_> {
         }
     }
 
-    pub(super) fn search_rotation(&self, random: &mut Random) -> Option<UnitQuaternion<f64>> {
+    pub(super) fn search_rotation(&self, random: &mut Rng) -> Option<UnitQuaternion<f64>> {
         let found =
             lo_ransac(&RotationEstimator(&self.data), &[], &self.ransac_options(2), random)?;
         (found.score.num_inliers >= self.min_inliers).then_some(found.model)
@@ -46,7 +47,7 @@ impl Verification<'_> {
     /// Plane", CVPR 2005.
     pub(super) fn search_plane_and_parallax(
         &self,
-        random: &mut Random,
+        random: &mut Rng,
         options: &RansacOptions,
     ) -> Option<Matrix3<f64>> {
         let data = &self.data;
@@ -66,7 +67,7 @@ impl Verification<'_> {
     pub(super) fn search_homography(
         &self,
         support: &Correspondences,
-        random: &mut Random,
+        random: &mut Rng,
         loss: Loss,
     ) -> Option<Matrix3<f64>> {
         const MAX_PLANE_ITERATIONS: usize = 100;
@@ -108,7 +109,7 @@ impl Verification<'_> {
         e: &Matrix3<f64>,
         homography: Option<&Matrix3<f64>>,
         sigma: f64,
-        random: &mut Random,
+        random: &mut Rng,
     ) -> Matrix3<f64> {
         const BATCHES: usize = 8;
         const SAMPLES: usize = 10;

@@ -1,9 +1,9 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use volery_geometry::Rng;
 use volery_geometry::homography::poses_from_homography;
 use volery_scene::{FeatureMatch, ImageId, TwoViewGeometry, TwoViewKind};
 
 use super::{TwoViewOptions, estimate_two_view_geometry};
-use crate::ransac::Random;
 use crate::test_scene::*;
 
 fn verify(pair: &Pair, options: &TwoViewOptions) -> Option<TwoViewGeometry> {
@@ -42,7 +42,7 @@ fn room_poses(baseline: Vector3<f64>, yaw: f64) -> [Isometry3<f64>; 2] {
 /// Dies if any part of the chain is biased (P22–P24).
 #[test]
 fn noise_free_gives_the_truth_back() {
-    let mut random = Random::new(1);
+    let mut random = Rng::new(1);
     for baseline in [Vector3::new(0.5, 0.0, 0.0), Vector3::new(0.1, 0.05, 0.4)] {
         let pair = pair(&mut random, room_poses(baseline, 0.2), room_point, 200, 0, 0.0);
         let found = verify_default(&pair);
@@ -59,8 +59,8 @@ fn noise_free_gives_the_truth_back() {
 fn half_the_matches_are_wrong() {
     let mut errors = Vec::new();
     for seed in 0..20 {
-        let mut random = Random::new(seed);
-        let baseline = normal_vector(&mut random).normalize() * 0.4;
+        let mut random = Rng::new(seed);
+        let baseline = random.normal3().normalize() * 0.4;
         let pair = pair(&mut random, room_poses(baseline, 0.15), room_point, 250, 250, 0.7);
         let found = verify_default(&pair);
         assert_eq!(found.kind, TwoViewKind::General, "seed {seed}");
@@ -83,12 +83,12 @@ fn half_the_matches_are_wrong() {
 fn a_wall_is_planar_and_its_pose_is_right() {
     let (mut chosen, mut offered) = (0, 0);
     for seed in 0..20 {
-        let mut random = Random::new(seed);
-        let wall = |r: &mut Random| {
-            let (x, y) = (between(r, -3.0, 3.0), between(r, -2.0, 2.0));
+        let mut random = Rng::new(seed);
+        let wall = |r: &mut Rng| {
+            let (x, y) = (r.range(-3.0, 3.0), r.range(-2.0, 2.0));
             Point3::new(x, y, 4.0 + 0.4 * x - 0.2 * y)
         };
-        let poses = room_poses(normal_vector(&mut random).normalize() * 0.6, 0.1);
+        let poses = room_poses(random.normal3().normalize() * 0.6, 0.1);
         let pair = pair(&mut random, poses, wall, 150, 50, 0.7);
         let found = verify_default(&pair);
         assert_eq!(found.kind, TwoViewKind::Planar, "seed {seed}");
@@ -108,9 +108,9 @@ fn a_wall_is_planar_and_its_pose_is_right() {
 #[test]
 fn a_pure_turn_is_rotation_only() {
     for seed in 0..40 {
-        let mut random = Random::new(seed);
-        let yaw = between(&mut random, 0.05, 0.5);
-        let (num_false, noise) = (random.below(150), between(&mut random, 0.3, 1.2));
+        let mut random = Rng::new(seed);
+        let yaw = random.range(0.05, 0.5);
+        let (num_false, noise) = (random.index(150), random.range(0.3, 1.2));
         let pair =
             pair(&mut random, room_poses(Vector3::zeros(), yaw), room_point, 150, num_false, noise);
         let found = verify_default(&pair);
@@ -131,8 +131,8 @@ fn hover_wobble_keeps_its_direction() {
     for (wobble, bound) in [(0.02, 15.0), (0.03, 10.0), (0.05, 8.0)] {
         let mut errors = Vec::new();
         for seed in 0..30 {
-            let mut random = Random::new(seed);
-            let baseline = normal_vector(&mut random).normalize() * wobble;
+            let mut random = Rng::new(seed);
+            let baseline = random.normal3().normalize() * wobble;
             let pair = pair(
                 &mut random,
                 room_poses(baseline, 10f64.to_radians()),
@@ -155,7 +155,7 @@ fn hover_wobble_keeps_its_direction() {
 #[test]
 fn forward_motion_is_found() {
     for seed in 0..10 {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let poses = [
             pose(Vector3::zeros(), 0.0, 0.0, 0.0),
             pose(Vector3::new(0.0, 0.0, 0.7), 0.02, 0.0, 0.0),
@@ -175,7 +175,7 @@ fn forward_motion_is_found() {
 #[test]
 fn uncalibrated_pairs_give_a_fundamental_matrix() {
     let options = TwoViewOptions { calibrated: false, ..Default::default() };
-    let mut random = Random::new(5);
+    let mut random = Rng::new(5);
     let pair =
         pair(&mut random, room_poses(Vector3::new(0.6, 0.1, 0.2), 0.2), room_point, 200, 100, 0.5);
     let found = verify(&pair, &options).unwrap();
@@ -194,7 +194,7 @@ fn uncalibrated_pairs_give_a_fundamental_matrix() {
 /// F and H are stated in pixels of the undistorted images.
 #[test]
 fn matrices_are_in_pixels() {
-    let mut random = Random::new(2);
+    let mut random = Rng::new(2);
     let pair =
         pair(&mut random, room_poses(Vector3::new(0.5, 0.1, 0.0), 0.1), room_point, 100, 0, 0.0);
     let f = verify_default(&pair).fundamental.unwrap();
@@ -213,7 +213,7 @@ fn matrices_are_in_pixels() {
 #[test]
 fn garbage_is_refused() {
     for seed in 0..60 {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let num_false = [20, 40, 60, 200, 500][seed as usize % 5];
         let pair = self::pair(
             &mut random,
@@ -231,7 +231,7 @@ fn garbage_is_refused() {
 /// A mirrored image is no view of the scene.
 #[test]
 fn a_mirrored_image_is_refused() {
-    let mut random = Random::new(4);
+    let mut random = Rng::new(4);
     let mut pair =
         pair(&mut random, room_poses(Vector3::new(0.3, 0.0, 0.1), 0.1), room_point, 200, 0, 0.5);
     for p in &mut pair.pixels2 {
@@ -247,7 +247,7 @@ fn a_mirrored_image_is_refused() {
 
 #[test]
 fn empty_few_and_broken_input_is_none() {
-    let mut random = Random::new(4);
+    let mut random = Rng::new(4);
     let whole =
         pair(&mut random, room_poses(Vector3::new(0.3, 0.0, 0.1), 0.1), room_point, 40, 0, 0.5);
     let with = |matches: Vec<FeatureMatch>| Pair {
@@ -280,7 +280,7 @@ fn empty_few_and_broken_input_is_none() {
 /// One match per feature of either image, sorted, the same for the same seed.
 #[test]
 fn matches_are_unique_sorted_and_repeatable() {
-    let mut random = Random::new(9);
+    let mut random = Rng::new(9);
     let mut pair =
         pair(&mut random, room_poses(Vector3::new(0.4, 0.0, 0.1), 0.1), room_point, 100, 30, 0.5);
     let doubled: Vec<_> = pair

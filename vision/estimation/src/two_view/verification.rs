@@ -1,7 +1,7 @@
 //! Chooses among the models of a pair.
 
 use nalgebra::{Matrix3, Point2};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, Rng, median};
 use volery_scene::{FeatureMatch, TwoViewGeometry, TwoViewKind};
 
 use super::TwoViewOptions;
@@ -13,7 +13,7 @@ use super::poses::is_mirrored;
 use super::refinement::{Effort, refine_fundamental, refine_rotation, scaled_essential};
 use super::selection::{Noise, Slack, is_explained};
 use crate::ransac::least_squares::Loss;
-use crate::ransac::{Random, lo_ransac};
+use crate::ransac::lo_ransac;
 use crate::solvers::rotation_from_bearings;
 
 /// Inliers that wrong matches give by chance must be outnumbered by this factor.
@@ -67,7 +67,7 @@ impl<'a> Verification<'a> {
 
     /// E, H and R compete.
     pub(super) fn calibrated(&self, seed: u64) -> Option<TwoViewGeometry> {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let data = &self.data;
         let turn = self.search_rotation(&mut random);
         let start: Vec<Matrix3<f64>> =
@@ -125,7 +125,7 @@ impl<'a> Verification<'a> {
 
     /// F alone, with the homography where it has support.
     pub(super) fn uncalibrated(&self, seed: u64) -> Option<TwoViewGeometry> {
-        let mut random = Random::new(seed);
+        let mut random = Rng::new(seed);
         let data = &self.data;
         let options = self.ransac_options(7);
         let start = self.search_plane_and_parallax(&mut random, &options);
@@ -182,11 +182,6 @@ impl<'a> Verification<'a> {
     pub(super) fn sigma(&self, errors: &[f64]) -> f64 {
         let t2 = self.data.squared_threshold;
         let mut inliers: Vec<f64> = errors.iter().copied().filter(|&e| e < t2).collect();
-        if inliers.is_empty() {
-            return MIN_SIGMA_PX;
-        }
-        let middle = inliers.len() / 2;
-        let (_, median, _) = inliers.select_nth_unstable_by(middle, f64::total_cmp);
-        (1.4826 * median.sqrt()).max(MIN_SIGMA_PX)
+        median(&mut inliers).map_or(MIN_SIGMA_PX, |m| (1.4826 * m.sqrt()).max(MIN_SIGMA_PX))
     }
 }

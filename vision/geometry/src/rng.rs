@@ -4,8 +4,10 @@ use nalgebra::Vector3;
 
 /// A seeded stream of random numbers (xoshiro256++ started by splitmix64).
 ///
+/// Not for secrets.
+///
 /// Source: Blackman and Vigna, "Scrambled Linear Pseudorandom Number Generators", TOMS 2021.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rng {
     state: [u64; 4],
 }
@@ -54,7 +56,7 @@ impl Rng {
         low + (high - low) * self.uniform()
     }
 
-    /// Uniform in 0..n; 0 for n = 0.
+    /// Uniform in 0..n up to a bias below n / 2⁶⁴; 0 for n = 0.
     pub fn index(&mut self, n: usize) -> usize {
         ((u128::from(self.bits()) * n as u128) >> 64) as usize
     }
@@ -73,6 +75,19 @@ impl Rng {
     /// Three independent normals.
     pub fn normal3(&mut self) -> Vector3<f64> {
         Vector3::new(self.normal(), self.normal(), self.normal())
+    }
+
+    /// Fills `sample` with distinct indices below `n`, which must be at least its length.
+    pub fn distinct(&mut self, n: usize, sample: &mut [usize]) {
+        for filled in 0..sample.len() {
+            loop {
+                let index = self.index(n);
+                if !sample[..filled].contains(&index) {
+                    sample[filled] = index;
+                    break;
+                }
+            }
+        }
     }
 
     /// Puts a slice in random order (Fisher–Yates).
@@ -111,6 +126,20 @@ mod tests {
         assert_ne!(draw(Rng::new(1)), draw(Rng::new(2)));
         assert_ne!(draw(Rng::fork(1, 0)), draw(Rng::fork(1, 1)));
         assert_ne!(draw(Rng::fork(1, 0)), draw(Rng::fork(2, 0)));
+    }
+
+    #[test]
+    fn samples_are_distinct_and_uniform() {
+        let mut rng = Rng::new(7);
+        let mut counts = [0_usize; 8];
+        for _ in 0..8000 {
+            let mut sample = [0; 3];
+            rng.distinct(8, &mut sample);
+            assert!(sample[0] != sample[1] && sample[1] != sample[2] && sample[0] != sample[2]);
+            sample.iter().for_each(|&i| counts[i] += 1);
+        }
+        // 3000 expected, binomial sd 43.
+        assert!(counts.iter().all(|&c| (2780..3220).contains(&c)), "{counts:?}");
     }
 
     #[test]
