@@ -10,7 +10,8 @@ use axum::{
     },
     http::{HeaderMap, StatusCode, header, request::Parts},
 };
-use serde::de::DeserializeOwned;
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
 
 use crate::error::{ApiError, ApiResult, Code};
 
@@ -18,7 +19,7 @@ use crate::error::{ApiError, ApiResult, Code};
 #[derive(Debug)]
 pub(crate) struct Body<T>(pub(crate) T);
 
-impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
+impl<T: DeserializeOwned + Serialize, S: Send + Sync> FromRequest<S> for Body<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &S) -> ApiResult<Self> {
@@ -38,8 +39,8 @@ fn is_json(kind: &str) -> bool {
 }
 
 /// JSON from bytes: syntax errors are 400, wrong content is 422.
-pub(crate) fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> ApiResult<T> {
-    Json::<T>::from_bytes(bytes).map(|Json(value)| value).map_err(|rejection| {
+pub(crate) fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> ApiResult<T> {
+    let Json(value) = Json::<T>::from_bytes(bytes).map_err(|rejection| {
         let detail = rejection.body_text();
         if rejection.status() == StatusCode::UNPROCESSABLE_ENTITY {
             let unknown = detail.contains("unknown field");
@@ -48,11 +49,30 @@ pub(crate) fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> ApiResult<T> {
         } else {
             ApiError::new(Code::BadRequest, detail)
         }
-    })
+    })?;
+    if is_positional(&serde_json::from_slice(bytes)?, &serde_json::to_value(&value)?) {
+        let detail = "an array stands where an object with named fields belongs";
+        return Err(ApiError::new(Code::Unprocessable("invalid_body"), detail));
+    }
+    Ok(value)
+}
+
+/// Whether an array was read as an object: serde takes fields by position, too.
+fn is_positional(sent: &Value, read: &Value) -> bool {
+    match (sent, read) {
+        (Value::Array(_), Value::Object(_)) => true,
+        (Value::Array(sent), Value::Array(read)) => {
+            sent.iter().zip(read).any(|(sent, read)| is_positional(sent, read))
+        }
+        (Value::Object(sent), Value::Object(read)) => sent
+            .iter()
+            .any(|(key, sent)| read.get(key).is_some_and(|read| is_positional(sent, read))),
+        _ => false,
+    }
 }
 
 /// JSON in a header, if the header is there.
-pub(crate) fn json_header<T: DeserializeOwned>(
+pub(crate) fn json_header<T: DeserializeOwned + Serialize>(
     headers: &HeaderMap,
     name: &str,
 ) -> ApiResult<Option<T>> {
@@ -143,5 +163,23 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
                 Err(ApiError::new(Code::Unprocessable(code), detail))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volery_api::{CreateImageSet, PutPriors};
+
+    use super::*;
+
+    #[test]
+    fn fields_are_named_never_counted() {
+        assert!(parse_json::<CreateImageSet>(br#"{"name":"hall"}"#).is_ok());
+        let positional = parse_json::<CreateImageSet>(br#"["hall"]"#).unwrap_err();
+        assert_eq!(positional.code(), "invalid_body");
+        let deep = br#"{"priors":{"a.jpg":{"height":[1,2]}}}"#;
+        assert_eq!(parse_json::<PutPriors>(deep).unwrap_err().code(), "invalid_body");
+        let vector = br#"{"priors":{"a.jpg":{"position":{"position":[1,2,3],"sigma":1}}}}"#;
+        assert!(parse_json::<PutPriors>(vector).is_ok());
     }
 }
