@@ -4,6 +4,7 @@
 //! * `--no-exif`: every focal length is a guess; `--per-image`: a camera for every image.
 //! * `--sequential N`: match only the N next images of each.
 //! * `--mapper global`: run the global mapper alone.
+//! * `--min-angle DEGREES`: least triangulation angle of a point.
 //! * `--features N`: most features per image.
 //! * `--cache DIR`: keep features and pairs between runs.
 //!
@@ -26,9 +27,7 @@ use volery_scene::{
 };
 use volery_sfm::quality::Evidence;
 use volery_sfm::self_calibration::start_cameras;
-use volery_sfm::{
-    MapperOptions, Reconstruction, SfmCamera, SfmImage, map_globally, reconstruct,
-};
+use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, map_globally, reconstruct};
 
 type Error = Box<dyn std::error::Error>;
 
@@ -42,6 +41,7 @@ struct Arguments {
     sequential: usize,
     features: usize,
     global: bool,
+    min_angle_deg: f64,
     cache: Option<PathBuf>,
 }
 
@@ -56,6 +56,7 @@ fn arguments() -> Result<Arguments, Error> {
         sequential: usize::MAX,
         features: 8192,
         global: false,
+        min_angle_deg: 1.5,
         cache: None,
     };
     let mut free = Vec::new();
@@ -68,13 +69,15 @@ fn arguments() -> Result<Arguments, Error> {
             "--features" => found.features = value()?.parse()?,
             "--cache" => found.cache = Some(value()?.into()),
             "--mapper" => found.global = value()? == "global",
+            "--min-angle" => found.min_angle_deg = value()?.parse()?,
             "--refine" => found.refine = true,
             "--no-exif" => found.no_exif = true,
             "--per-image" => found.per_image = true,
             _ => free.push(PathBuf::from(argument)),
         }
     }
-    let [photos, out] = free.try_into().map_err(|_| "usage: map_folder PHOTOS OUT.csv [options]")?;
+    let [photos, out] =
+        free.try_into().map_err(|_| "usage: map_folder PHOTOS OUT.csv [options]")?;
     Ok(Arguments { photos, out, ..found })
 }
 
@@ -96,9 +99,10 @@ fn read_photo(path: &Path, arguments: &Arguments) -> Result<Photo, Error> {
     let bytes = std::fs::read(path)?;
     let decoded = decode_image(&bytes, &DecodeLimits::default())?;
     let (width, height) = (decoded.gray.width(), decoded.gray.height());
-    let cached = arguments.cache.as_ref().map(|cache| {
-        cache.join(path.file_name().unwrap_or_default()).with_extension("features")
-    });
+    let cached = arguments
+        .cache
+        .as_ref()
+        .map(|cache| cache.join(path.file_name().unwrap_or_default()).with_extension("features"));
     let features = match &cached {
         Some(file) if file.exists() => read_features(&std::fs::read(file)?)?,
         _ => {
@@ -114,8 +118,7 @@ fn read_photo(path: &Path, arguments: &Arguments) -> Result<Photo, Error> {
     let exif = read_exif(&bytes);
     let guess = exif.focal_px(width, height);
     let is_guess = arguments.no_exif || guess.source.code() == "guess";
-    let focal =
-        if arguments.no_exif { 1.2 * f64::from(width.max(height)) } else { guess.px };
+    let focal = if arguments.no_exif { 1.2 * f64::from(width.max(height)) } else { guess.px };
     let camera = SfmCamera {
         camera: Camera::from_focal(CameraModel::SimpleRadial, width, height, focal)?,
         refine: IntrinsicsRefinement::FOCAL_AND_DISTORTION,
@@ -227,11 +230,13 @@ fn main() -> Result<(), Error> {
     }
     let matching_s = cpu_s();
 
-    let options = MapperOptions::default();
+    let options = MapperOptions {
+        min_angle: arguments.min_angle_deg.to_radians(),
+        ..MapperOptions::default()
+    };
     let found = if arguments.global {
         let start = start_cameras(&images, &cameras, &pairs);
-        let models =
-            map_globally(&images, &cameras, &start, &pairs, &options, &NoProgress)?;
+        let models = map_globally(&images, &cameras, &start, &pairs, &options, &NoProgress)?;
         let quality = Quality { verdict: Verdict::Suspect, reasons: Vec::new() };
         Reconstruction { models, unplaced: Vec::new(), quality, mapper: "global" }
     } else {

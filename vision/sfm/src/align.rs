@@ -174,13 +174,9 @@ fn levelled_frame(
     let forward = last.map_or(Vector3::x(), |image| levelled_forward(image, up));
     let left = up.cross(&forward).normalize();
     let forward = left.cross(up);
-    let axes = Matrix3::from_rows(&[
-        forward.transpose(),
-        left.transpose(),
-        up.into_inner().transpose(),
-    ]);
-    let rotation =
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+    let axes =
+        Matrix3::from_rows(&[forward.transpose(), left.transpose(), up.into_inner().transpose()]);
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
     let center = match origin {
         OriginRule::MeanCameras => mean_center(model),
         _ => last.map_or(Point3::origin(), RegisteredImage::center),

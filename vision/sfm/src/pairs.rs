@@ -47,7 +47,8 @@ pub fn select_pairs(
     let mut pairs = Vec::new();
     for i in 0..n {
         pairs.extend((i + 1..=i + options.num_sequential).map(|j| (i, j)));
-        let doubling = std::iter::successors(Some(2 * options.num_sequential.max(1)), |d| Some(d * 2));
+        let doubling =
+            std::iter::successors(Some(2 * options.num_sequential.max(1)), |d| Some(d * 2));
         pairs.extend(doubling.take(3).map(|d| (i, i + d)));
     }
     pairs.retain(|&(_, j)| j < n);
@@ -128,8 +129,7 @@ mod tests {
     fn descriptors(num_images: usize, num_places: usize) -> Vec<GlobalDescriptor> {
         (0..num_images)
             .map(|i| {
-                let angle =
-                    (i % num_places) as f32 / num_places as f32 * std::f32::consts::TAU;
+                let angle = (i % num_places) as f32 / num_places as f32 * std::f32::consts::TAU;
                 GlobalDescriptor(vec![angle.cos(), angle.sin()])
             })
             .collect()

@@ -4,12 +4,12 @@
 //! image placed. What gives it away is evidence it did not use: verified pairs whose geometry
 //! disagrees with the poses, parts that hang together by a thread, cameras no one builds.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use volery_geometry::epipolar::{essential_from_pose, squared_sampson_error};
 use volery_scene::{
-    ImageId, Quality, QualityReason, SparseModel, TwoViewGeometry, TwoViewKind, UnplacedImage,
-    UnplacedReason, Verdict,
+    CameraId, ImageId, Quality, QualityReason, RegisteredImage, SparseModel, TwoViewGeometry,
+    TwoViewKind, UnplacedImage, UnplacedReason, Verdict,
 };
 
 use crate::SfmCamera;
@@ -21,8 +21,18 @@ const MIN_WITNESS_INLIERS: usize = 25;
 const MAX_SAMPSON_PX: f64 = 6.0;
 /// A pair contradicts if fewer of its matches agree with the poses.
 const MIN_AGREEING_MATCHES: f64 = 0.5;
+/// Matches that see points, from which a pair is asked whether they see the same ones.
+const MIN_SEEING: usize = 15;
+/// A pair is torn if fewer of these matches share their point.
+const MIN_SHARING: f64 = 0.3;
 /// Part of the matches in contradicting pairs that makes a map suspect.
-const MAX_CONTRADICTION: f64 = 0.08;
+const MAX_CONTRADICTION: f64 = 0.04;
+/// The same over the pairs across one place of the sequence, where two parts may be joined wrongly.
+const MAX_CUT_CONTRADICTION: f64 = 0.25;
+/// Part of the images in verified pairs that a map should hold.
+const MIN_PLACED: f64 = 0.4;
+/// Relative standard deviation of a self-calibrated focal length.
+const MAX_FOCAL_SIGMA: f64 = 0.02;
 /// Points across a cut that tie two parts of a map together.
 const MIN_TIE_POINTS: usize = 40;
 /// Images on the smaller side of a cut that is worth a warning.
@@ -48,8 +58,16 @@ pub struct Evidence {
     /// Worst contradicting pair by number of inliers, with its rotation residual in degrees where
     /// it has one.
     pub worst: Option<(ImageId, ImageId, usize, Option<f64>)>,
+    /// Of the pairs with one image up to this one and the other after it, the greatest part of
+    /// matches in contradicting pairs.
+    pub worst_cut: Option<(ImageId, f64)>,
     /// Fewest points that two parts of the map share, with the size of the smaller part.
     pub weakest_tie: Option<(usize, usize)>,
+    /// Images in verified pairs.
+    pub num_paired: usize,
+    /// Relative standard deviation of guessed focal lengths that were refined, by camera; from
+    /// [`focal_sigma`](crate::self_calibration::focal_sigma).
+    pub focal_sigmas: Vec<(CameraId, f64)>,
 }
 
 impl Evidence {
@@ -58,10 +76,18 @@ impl Evidence {
         let (mut num_witnesses, mut num_contradicting) = (0, 0);
         let (mut all, mut against) = (0usize, 0usize);
         let mut worst: Option<(ImageId, ImageId, usize, Option<f64>)> = None;
+        let mut cuts: BTreeMap<ImageId, (isize, isize)> = BTreeMap::new();
+        let paired: BTreeSet<ImageId> = pairs.iter().flat_map(|p| [p.image1, p.image2]).collect();
         for pair in pairs.iter().filter(|pair| pair.num_inliers() >= MIN_WITNESS_INLIERS) {
             let Some(testimony) = Testimony::of(model, pair) else { continue };
             num_witnesses += 1;
             all += pair.num_inliers();
+            let matches = pair.num_inliers() as isize;
+            let held_against = if testimony.contradicts() { matches } else { 0 };
+            for (id, sign) in [(pair.image1, 1), (pair.image2, -1)] {
+                let cut = cuts.entry(id).or_default();
+                *cut = (cut.0 + sign * matches, cut.1 + sign * held_against);
+            }
             if testimony.contradicts() {
                 num_contradicting += 1;
                 against += pair.num_inliers();
@@ -80,7 +106,10 @@ impl Evidence {
             num_contradicting,
             contradiction: if all > 0 { against as f64 / all as f64 } else { 0.0 },
             worst,
+            worst_cut: worst_cut(&cuts),
             weakest_tie: weakest_tie(model),
+            num_paired: paired.len(),
+            focal_sigmas: Vec::new(),
         }
     }
 
@@ -111,6 +140,42 @@ impl Evidence {
                     100.0 * self.contradiction
                 ),
             );
+        }
+        if let Some((image, part)) = self.worst_cut
+            && part > MAX_CUT_CONTRADICTION
+        {
+            add(
+                "loop_disagreement",
+                format!(
+                    "{:.0} % of the matches between the images up to {} and those after it disagree \
+                     with the map: the two parts may be joined wrongly",
+                    100.0 * part,
+                    image.0
+                ),
+            );
+        }
+        if (model.images.len() as f64) < MIN_PLACED * self.num_paired as f64 {
+            add(
+                "few_images",
+                format!(
+                    "only {} of {} images that match others have a place",
+                    model.images.len(),
+                    self.num_paired
+                ),
+            );
+        }
+        for (camera, sigma) in &self.focal_sigmas {
+            if *sigma > MAX_FOCAL_SIGMA {
+                add(
+                    "absurd_intrinsics",
+                    format!(
+                        "the focal length of camera {} is uncertain by {:.0} %: give the camera's \
+                         intrinsics, or take images that move sideways",
+                        camera.0,
+                        100.0 * sigma
+                    ),
+                );
+            }
         }
         if let Some((points, part)) = self.weakest_tie
             && points < MIN_TIE_POINTS
@@ -151,11 +216,34 @@ impl Evidence {
     }
 }
 
+/// From what begins (+) and ends (−) at each image: matches across the place after it, and those
+/// of contradicting pairs.
+fn worst_cut(changes: &BTreeMap<ImageId, (isize, isize)>) -> Option<(ImageId, f64)> {
+    let (mut across, mut against) = (0, 0);
+    let mut worst: Option<(ImageId, f64)> = None;
+    for (&image, change) in changes {
+        across += change.0;
+        against += change.1;
+        if across <= 0 {
+            continue;
+        }
+        let part = against as f64 / across as f64;
+        if worst.is_none_or(|(_, most)| part > most) {
+            worst = Some((image, part));
+        }
+    }
+    worst
+}
+
 /// What one pair says about the poses of its images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Testimony {
     rotation_residual_deg: Option<f64>,
+    /// Part of the matches that obey the epipolar geometry of the poses.
     agreeing_matches: f64,
+    /// Matches of which a keypoint sees a point, and those whose keypoints see the same one.
+    num_seeing: usize,
+    num_sharing: usize,
 }
 
 impl Testimony {
@@ -172,7 +260,8 @@ impl Testimony {
             TwoViewKind::Planar | TwoViewKind::Uncalibrated => None,
         };
         let essential = essential_from_pose(&cam2_from_cam1);
-        let limit = (MAX_SAMPSON_PX / (0.5 * (camera1.mean_focal() + camera2.mean_focal()))).powi(2);
+        let limit =
+            (MAX_SAMPSON_PX / (0.5 * (camera1.mean_focal() + camera2.mean_focal()))).powi(2);
         let stride = pair.matches.len().div_ceil(100).max(1);
         let (mut asked, mut agreeing) = (0usize, 0usize);
         for m in pair.matches.iter().step_by(stride) {
@@ -190,14 +279,29 @@ impl Testimony {
             let error = squared_sampson_error(&essential, &xy1.into(), &xy2.into());
             agreeing += usize::from(error <= limit);
         }
+        let point_of = |image: &RegisteredImage, keypoint: u32| {
+            image.points.get(keypoint as usize).copied().flatten()
+        };
+        let (mut num_seeing, mut num_sharing) = (0, 0);
+        for m in &pair.matches {
+            let (a, b) = (point_of(image1, m.feature1), point_of(image2, m.feature2));
+            num_seeing += usize::from(a.is_some() || b.is_some());
+            num_sharing += usize::from(a.is_some() && a == b);
+        }
         (asked > 0).then(|| Self {
             rotation_residual_deg,
             agreeing_matches: agreeing as f64 / asked as f64,
+            num_seeing,
+            num_sharing,
         })
     }
 
     fn contradicts(&self) -> bool {
-        self.agreeing_matches < MIN_AGREEING_MATCHES
+        // Epipolar lines are blind along themselves: two copies of a scene slid along each other
+        // obey them, but then the keypoints of a match see different points.
+        let is_torn = self.num_seeing >= MIN_SEEING
+            && (self.num_sharing as f64) < MIN_SHARING * self.num_seeing as f64;
+        is_torn || self.agreeing_matches < MIN_AGREEING_MATCHES
     }
 }
 
@@ -275,9 +379,7 @@ fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
         }
         let across = seen_by
             .iter()
-            .filter(|images| {
-                images.iter().any(|&i| side[i]) && images.iter().any(|&i| !side[i])
-            })
+            .filter(|images| images.iter().any(|&i| side[i]) && images.iter().any(|&i| !side[i]))
             .count();
         if weakest.is_none_or(|(least, _)| across < least) {
             weakest = Some((across, smaller));

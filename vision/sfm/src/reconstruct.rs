@@ -12,7 +12,7 @@ use volery_scene::{
 use crate::global::map_globally;
 use crate::incremental::{Input, extend_model, map_incrementally};
 use crate::quality::{Evidence, no_map};
-use crate::self_calibration::start_cameras;
+use crate::self_calibration::{focal_sigma, start_cameras};
 
 /// A camera as it is known before mapping.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,12 +84,28 @@ pub enum ReconstructError {
         /// What came.
         got: usize,
     },
+    /// An image names a camera that is not there.
+    #[error("image {image} has camera {camera}, but there are {num_cameras}")]
+    UnknownCamera {
+        /// Index of the image.
+        image: usize,
+        /// Its camera.
+        camera: u32,
+        /// Cameras given.
+        num_cameras: usize,
+    },
 }
 
-/// Pairs of which so large a part only turns the camera make a yaw scan.
+/// A set of which so large a part of the images has only turned is a yaw scan.
 const YAW_SCAN_FRACTION: f64 = 0.6;
-/// Parallax, radians, below which a pair of neighbors counts as turned in place.
+/// Inliers of a strong pair.
+const MIN_STRONG_INLIERS: usize = 40;
+/// Parallax, radians, below which a pair counts as turned in place.
 const TINY_PARALLAX: f64 = 0.02;
+/// Parallax, radians, from which a pair says where its images are.
+const FAIR_PARALLAX: f64 = 0.035;
+/// Cameras whose self-calibration is probed, one adjustment each.
+const MAX_PROBED_CAMERAS: usize = 2;
 /// A first model that holds so large a part of the images and passes its checks needs no rival.
 const ENOUGH_IMAGES: f64 = 0.8;
 
@@ -108,8 +124,15 @@ pub fn reconstruct(
     if images.len() < 2 {
         return Err(ReconstructError::TooFewImages { got: images.len() });
     }
+    for (image, camera) in images.iter().map(|image| image.camera.0).enumerate() {
+        if camera as usize >= cameras.len() {
+            let num_cameras = cameras.len();
+            return Err(ReconstructError::UnknownCamera { image, camera, num_cameras });
+        }
+    }
+    let pairs = &sound_pairs(images, pairs);
     let input = Input { images, cameras, pairs, options };
-    let order = if is_yaw_scan(pairs) {
+    let order = if is_yaw_scan(images.len(), pairs) {
         [Mapper::Global, Mapper::Incremental]
     } else {
         [Mapper::Incremental, Mapper::Global]
@@ -130,6 +153,27 @@ pub fn reconstruct(
         unplaced,
         mapper: kept.mapper.name(),
     })
+}
+
+/// The pairs without matches that point past the keypoints or at keypoints that are not finite.
+fn sound_pairs(images: &[SfmImage], pairs: &[TwoViewGeometry]) -> Vec<TwoViewGeometry> {
+    let is_sound = |image: ImageId, keypoint: u32| {
+        images
+            .get(image.0 as usize)
+            .and_then(|image| image.keypoints.get(keypoint as usize))
+            .is_some_and(|pixel| pixel.x.is_finite() && pixel.y.is_finite())
+    };
+    pairs
+        .iter()
+        .filter(|pair| pair.image1 != pair.image2)
+        .map(|pair| {
+            let mut pair = pair.clone();
+            let (a, b) = (pair.image1, pair.image2);
+            pair.matches.retain(|m| is_sound(a, m.feature1) && is_sound(b, m.feature2));
+            pair
+        })
+        .filter(|pair| !pair.matches.is_empty())
+        .collect()
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -199,7 +243,17 @@ fn attempt(
     };
     let (quality, contradiction) = match models.first() {
         Some(model) => {
-            let evidence = Evidence::of(model, pairs);
+            let mut evidence = Evidence::of(model, pairs);
+            for (&id, camera) in model.cameras.iter().take(MAX_PROBED_CAMERAS) {
+                let given = cameras[id.0 as usize];
+                if given.focal_is_guess
+                    && given.refine.focal
+                    && camera.focal() != given.camera.focal()
+                    && let Some(sigma) = focal_sigma(model, id, progress)?
+                {
+                    evidence.focal_sigmas.push((id, sigma));
+                }
+            }
             (evidence.verdict(model, cameras), evidence.contradiction)
         }
         None => (Quality { verdict: Verdict::Failed, reasons: Vec::new() }, 0.0),
@@ -207,15 +261,30 @@ fn attempt(
     Ok(Attempt { mapper, models, quality, contradiction })
 }
 
-/// Whether most of the strongest pairs only turn the camera.
-fn is_yaw_scan(pairs: &[TwoViewGeometry]) -> bool {
-    let neighbors = || pairs.iter().filter(|pair| pair.image2.0 == pair.image1.0 + 1);
-    let turned = neighbors().filter(|pair| {
-        pair.kind == TwoViewKind::RotationOnly
-            || (pair.kind != TwoViewKind::Uncalibrated && pair.median_parallax < TINY_PARALLAX)
-    });
-    let num_neighbors = neighbors().count();
-    num_neighbors > 0 && turned.count() as f64 >= YAW_SCAN_FRACTION * num_neighbors as f64
+/// Whether most images have no strong pair with parallax.
+fn is_yaw_scan(num_images: usize, pairs: &[TwoViewGeometry]) -> bool {
+    let mut moved = vec![false; num_images];
+    let mut paired = vec![false; num_images];
+    for pair in pairs.iter().filter(|pair| pair.num_inliers() >= MIN_STRONG_INLIERS) {
+        for id in [pair.image1, pair.image2] {
+            let Some(paired) = paired.get_mut(id.0 as usize) else { continue };
+            *paired = true;
+            moved[id.0 as usize] |= !is_turn(pair) && pair.median_parallax >= FAIR_PARALLAX;
+        }
+    }
+    let num_paired = paired.iter().filter(|&&paired| paired).count();
+    let num_turned =
+        paired.iter().zip(&moved).filter(|(paired, moved)| **paired && !**moved).count();
+    num_paired > 0 && num_turned as f64 >= YAW_SCAN_FRACTION * num_paired as f64
+}
+
+/// Whether the camera only turned between the images, as far as the pair can tell.
+fn is_turn(pair: &TwoViewGeometry) -> bool {
+    match pair.kind {
+        TwoViewKind::RotationOnly => true,
+        TwoViewKind::Uncalibrated => false,
+        TwoViewKind::General | TwoViewKind::Planar => pair.median_parallax < TINY_PARALLAX,
+    }
 }
 
 /// Every image without a pose in the first model, and why.
@@ -235,10 +304,7 @@ fn unplaced_images(
             for pair in pairs.iter().filter(|p| p.image1 == image || p.image2 == image) {
                 let other = if pair.image1 == image { pair.image2 } else { pair.image1 };
                 total += pair.num_inliers();
-                if pair.kind == TwoViewKind::RotationOnly
-                    || (pair.kind != TwoViewKind::Uncalibrated
-                        && pair.median_parallax < TINY_PARALLAX)
-                {
+                if is_turn(pair) {
                     turned += pair.num_inliers();
                 }
                 if placed(other) {

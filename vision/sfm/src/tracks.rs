@@ -215,6 +215,9 @@ mod tests {
     #[test]
     fn nothing_and_nonsense_give_no_tracks() {
         assert!(build_tracks(&[], &[]).is_empty());
-        assert!(build_tracks(&three_images(), &[pair(0, 1, &[(7, 0)]), pair(0, 9, &[(0, 0)])]).is_empty());
+        assert!(
+            build_tracks(&three_images(), &[pair(0, 1, &[(7, 0)]), pair(0, 9, &[(0, 0)])])
+                .is_empty()
+        );
     }
 }

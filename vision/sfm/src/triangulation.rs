@@ -98,9 +98,10 @@ pub(crate) fn triangulate_track(
 
 /// Whether two of the `centers` see `point` under at least `min_angle`.
 pub(crate) fn has_angle(centers: &[Point3<f64>], point: &Point3<f64>, min_angle: f64) -> bool {
-    centers.iter().enumerate().any(|(i, a)| {
-        centers[..i].iter().any(|b| triangulation_angle(a, b, point) >= min_angle)
-    })
+    centers
+        .iter()
+        .enumerate()
+        .any(|(i, a)| centers[..i].iter().any(|b| triangulation_angle(a, b, point) >= min_angle))
 }
 
 /// All pairs of few views; of many views those with the widest angles between their rays.

@@ -10,7 +10,10 @@ use volery_scene::{
     CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry, UnplacedReason,
     Verdict,
 };
-use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, reconstruct};
+use volery_sfm::quality::Evidence;
+use volery_sfm::{
+    MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
+};
 use volery_synthetic::{
     CenterMotion, PointOptions, PointScene, Room, along_wall, cam_from_heading, ring,
 };
@@ -92,14 +95,15 @@ fn pose_errors(model: &SparseModel, scene: &PointScene) -> (f64, f64) {
     let mean_model = mean(&|p| truth_from_model * p.0.translation.vector);
     let mean_truth = mean(&|p| p.1.translation.vector);
     let centered = |p: &(Isometry3<f64>, Isometry3<f64>)| {
-        (truth_from_model * p.0.translation.vector - mean_model, p.1.translation.vector - mean_truth)
+        (
+            truth_from_model * p.0.translation.vector - mean_model,
+            p.1.translation.vector - mean_truth,
+        )
     };
     let dot: f64 = pairs.iter().map(|p| centered(p).0.dot(&centered(p).1)).sum();
     let scale = dot / pairs.iter().map(|p| centered(p).0.norm_squared()).sum::<f64>();
-    let position = pairs
-        .iter()
-        .map(|p| (centered(p).0 * scale - centered(p).1).norm())
-        .fold(0.0, f64::max);
+    let position =
+        pairs.iter().map(|p| (centered(p).0 * scale - centered(p).1).norm()).fold(0.0, f64::max);
     let rotation = pairs
         .iter()
         .map(|(m, t)| (truth_from_model * m.rotation).angle_to(&t.rotation))
@@ -169,7 +173,9 @@ fn two_parts_are_two_models() {
 #[test]
 fn pure_rotation_gives_no_wrong_map() {
     let poses: Vec<_> = (0..24)
-        .map(|i| cam_from_heading(&Point3::new(0.3, -0.2, 1.5), TAU / 24.0 * f64::from(i), 0.0, 0.0))
+        .map(|i| {
+            cam_from_heading(&Point3::new(0.3, -0.2, 1.5), TAU / 24.0 * f64::from(i), 0.0, 0.0)
+        })
         .collect();
     let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 5);
     let found = map(&scene, fixed(camera()));
@@ -186,7 +192,6 @@ fn pure_rotation_gives_no_wrong_map() {
 fn a_wobbling_scan_is_mapped_or_refused() {
     let scene = PointScene::yaw_scan(36, TAU / 36.0, CenterMotion::Wobble { sigma: 0.05 }, 7);
     let found = map(&scene, fixed(scene.camera));
-    println!("{} {:?} {:?} {:?}", found.mapper, found.quality, found.unplaced, found.models.first().map(|m| pose_errors(m, &scene)));
     if found.quality.verdict == Verdict::Good {
         let (position, rotation) = pose_errors(&found.models[0], &scene);
         assert!(position < 0.03 && rotation < 0.2, "{position} m, {rotation} degrees");
@@ -234,4 +239,121 @@ fn threads_do_not_matter() {
     assert!(one == with_threads(1), "again");
     let offset: Vector3<f64> = one.models[0].images[&ImageId(3)].center().coords;
     assert!(offset.iter().all(|v| v.is_finite()));
+}
+
+/// Two right halves put together wrongly have small residuals and every image placed; the verified
+/// pairs between them tell.
+#[test]
+fn wrongly_joined_halves_are_not_called_good() {
+    let poses = ring(&Point3::new(0.0, 0.0, 1.5), 1.6, 24, 10);
+    let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 10);
+    let camera = fixed(camera());
+    let pairs = verified(&scene, &camera);
+    let found = map(&scene, camera);
+    let right = &found.models[0];
+    assert_eq!(Evidence::of(right, &pairs).verdict(right, &[camera]).verdict, Verdict::Good);
+
+    for angle in [0.1_f64, 0.5, 2.0] {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle);
+        let mut wrong = right.clone();
+        for (id, image) in &mut wrong.images {
+            if id.0 >= 12 {
+                image.cam_from_world *= turn.inverse();
+            }
+        }
+        for point in wrong.points.values_mut() {
+            // A point follows the half that sees more of it and loses the other half.
+            let (late, early): (Vec<_>, Vec<_>) = point.track.iter().partition(|o| o.image.0 >= 12);
+            if late.len() > early.len() {
+                point.position = turn * point.position;
+                point.track = late;
+            } else {
+                point.track = early;
+            }
+        }
+        for image in wrong.images.values_mut() {
+            image.points.fill(None);
+        }
+        for (&id, point) in &wrong.points {
+            for o in &point.track {
+                let image = wrong.images.get_mut(&o.image).unwrap();
+                image.points[o.keypoint as usize] = Some(id);
+            }
+        }
+        let evidence = Evidence::of(&wrong, &pairs);
+        let quality = evidence.verdict(&wrong, &[camera]);
+        assert_eq!(quality.verdict, Verdict::Suspect, "{angle}: {evidence:?}");
+        let codes: Vec<_> = quality.reasons.iter().map(|r| r.code.as_str()).collect();
+        assert!(codes.contains(&"loop_disagreement"), "{codes:?}");
+    }
+}
+
+/// Two parts that share twenty points hang together by a thread.
+#[test]
+fn a_thread_between_parts_is_named() {
+    let poses = along_wall(&Point3::new(-2.0, -2.0, 1.5), 0.0, 0.3, 12, 11);
+    let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 11);
+    let found = map(&scene, fixed(camera()));
+    let mut model = found.models[0].clone();
+    let mut num_across = 0;
+    for point in model.points.values_mut() {
+        let across =
+            point.track.iter().any(|o| o.image.0 < 6) && point.track.iter().any(|o| o.image.0 >= 6);
+        if across {
+            num_across += 1;
+            if num_across > 20 {
+                point.track.retain(|o| o.image.0 < 6);
+            }
+        }
+    }
+    let evidence = Evidence::of(&model, &[]);
+    assert_eq!(evidence.weakest_tie, Some((20, 6)));
+    let quality = evidence.verdict(&model, &[fixed(camera())]);
+    assert_eq!(quality.verdict, Verdict::Suspect);
+    assert_eq!(quality.reasons[0].code, "weakly_tied");
+}
+
+/// A lens no one builds is named.
+#[test]
+fn absurd_intrinsics_are_named() {
+    let poses = along_wall(&Point3::new(-2.0, -2.0, 1.5), 0.0, 0.3, 8, 12);
+    let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 12);
+    let found = map(&scene, fixed(camera()));
+    assert_eq!(found.quality.verdict, Verdict::Good, "{:?}", found.quality);
+    for params in
+        [[40.0, 320.0, 240.0, 0.0], [4000.0, 320.0, 240.0, 0.0], [460.0, 320.0, 240.0, 3.0]]
+    {
+        let mut model = found.models[0].clone();
+        let absurd = Camera::new(CameraModel::SimpleRadial, 640, 480, &params).unwrap();
+        model.cameras.insert(CameraId(0), absurd);
+        let guess = SfmCamera { focal_is_guess: true, ..fixed(camera()) };
+        let quality = Evidence::of(&model, &[]).verdict(&model, &[guess]);
+        assert_eq!(quality.verdict, Verdict::Suspect);
+        assert!(quality.reasons.iter().any(|r| r.code == "absurd_intrinsics"), "{params:?}");
+    }
+}
+
+/// Nonsense is refused or left out, never a panic.
+#[test]
+fn nonsense_is_refused() {
+    let poses = along_wall(&Point3::new(-2.0, -2.0, 1.5), 0.0, 0.3, 6, 13);
+    let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 13);
+    let known = fixed(camera());
+    let mut pairs = verified(&scene, &known);
+    let mut images = images(&scene);
+    let options = MapperOptions::default();
+    let one = reconstruct(&images[..1], &[known], &[], &options, &NoProgress);
+    assert!(matches!(one, Err(ReconstructError::TooFewImages { got: 1 })));
+    let none = reconstruct(&images, &[], &pairs, &options, &NoProgress);
+    assert!(matches!(none, Err(ReconstructError::UnknownCamera { .. })));
+
+    images[2].keypoints[5].x = f64::NAN;
+    pairs[0].matches[0].feature1 = 1_000_000;
+    let mut stranger = pairs[1].clone();
+    stranger.image2 = ImageId(77);
+    pairs.push(stranger);
+    let found = reconstruct(&images, &[known], &pairs, &options, &NoProgress).unwrap();
+    assert_eq!(found.models[0].images.len(), 6);
+    let (position, _) = pose_errors(&found.models[0], &scene);
+    assert!(position < 0.02);
 }

@@ -22,7 +22,10 @@ pub(super) struct GravityEstimate {
 ///
 /// Up in the camera is the third row of `enu_from_camera`, which does not depend on the yaw; the
 /// image's pose carries it into the model. Cauchy weights hold wrong attitudes down.
-pub(super) fn from_attitudes(model: &SparseModel, priors: &[ImagePrior]) -> Option<GravityEstimate> {
+pub(super) fn from_attitudes(
+    model: &SparseModel,
+    priors: &[ImagePrior],
+) -> Option<GravityEstimate> {
     let claims: Vec<(Vector3<f64>, f64)> = model
         .images
         .iter()
@@ -70,9 +73,10 @@ pub(super) fn from_attitudes(model: &SparseModel, priors: &[ImagePrior]) -> Opti
 /// keeps level whatever the pitch; the mean of the cameras' up axes where they hardly turn.
 pub(super) fn from_camera_axes(model: &SparseModel) -> Unit<Vector3<f64>> {
     let axis = |v: Vector3<f64>| {
-        model.images.values().map(move |image| {
-            image.cam_from_world.rotation.inverse_transform_vector(&v)
-        })
+        model
+            .images
+            .values()
+            .map(move |image| image.cam_from_world.rotation.inverse_transform_vector(&v))
     };
     let mean: Vector3<f64> = axis(-Vector3::y()).sum();
     let Some(mean) = Unit::try_new(mean, 1e-9) else { return Vector3::z_axis() };

@@ -49,7 +49,8 @@ pub(super) fn fit_positions(model: &SparseModel, priors: &[ImagePrior]) -> Optio
         return None;
     }
     let inliers = consistent(&pairs);
-    let used: Vec<&Pair> = pairs.iter().zip(&inliers).filter(|(_, i)| **i).map(|(p, _)| p).collect();
+    let used: Vec<&Pair> =
+        pairs.iter().zip(&inliers).filter(|(_, i)| **i).map(|(p, _)| p).collect();
     let n = used.len() as f64;
     if used.len() < 2 {
         return None;

@@ -39,11 +39,8 @@ impl Flight {
 
     /// The flight as structure from motion sees it: in a frame of its own, 0.37 times the size.
     fn reconstruction(&self) -> Reconstruction {
-        let model_from_enu = Similarity3::new(
-            Vector3::new(3.0, -1.0, 7.0),
-            Vector3::new(0.9, -1.3, 0.4),
-            0.37,
-        );
+        let model_from_enu =
+            Similarity3::new(Vector3::new(3.0, -1.0, 7.0), Vector3::new(0.9, -1.3, 0.4), 0.37);
         let images = (0..self.centers.len())
             .map(|i| {
                 let world_from_cam =
@@ -100,9 +97,8 @@ impl Flight {
 
     /// Meters of the map per true meter.
     fn scale_error(&self, map: &EnvironmentMap) -> f64 {
-        let length = |p: &[Point3<f64>]| -> f64 {
-            p.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
-        };
+        let length =
+            |p: &[Point3<f64>]| -> f64 { p.windows(2).map(|w| (w[1] - w[0]).norm()).sum() };
         let mapped: Vec<_> = map.model.images.values().map(RegisteredImage::center).collect();
         length(&mapped) / length(&self.centers) - 1.0
     }

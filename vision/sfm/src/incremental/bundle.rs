@@ -135,10 +135,8 @@ impl WorkingModel<'_> {
                     let camera = self.camera_index(image);
                     if camera_slot[camera] == u32::MAX {
                         camera_slot[camera] = problem.cameras.len() as u32;
-                        let refine = refinement
-                            .get(camera)
-                            .copied()
-                            .unwrap_or(IntrinsicsRefinement::FIXED);
+                        let refine =
+                            refinement.get(camera).copied().unwrap_or(IntrinsicsRefinement::FIXED);
                         problem.cameras.push(self.bundle_camera(camera, refine));
                     }
                     let Some(cam_from_world) = self.poses[image] else { continue };

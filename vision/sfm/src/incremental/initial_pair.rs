@@ -101,10 +101,9 @@ pub(crate) fn relative_pose(
             .iter()
             .step_by(stride)
             .filter(|m| {
-                let (Some(xy1), Some(xy2)) = (
-                    ray(model, pair.image1.0, m.feature1),
-                    ray(model, pair.image2.0, m.feature2),
-                ) else {
+                let (Some(xy1), Some(xy2)) =
+                    (ray(model, pair.image1.0, m.feature1), ray(model, pair.image2.0, m.feature2))
+                else {
                     return false;
                 };
                 is_in_front(pose, &xy1, &xy2)

@@ -33,7 +33,9 @@ impl WorkingModel<'_> {
         let mut num_mended = 0;
         for pair in self.input.pairs {
             let (i, j) = (pair.image1.0 as usize, pair.image2.0 as usize);
-            if pair.num_inliers() < MIN_MATCHES || self.poses[i].is_none() || self.poses[j].is_none()
+            if pair.num_inliers() < MIN_MATCHES
+                || self.poses[i].is_none()
+                || self.poses[j].is_none()
             {
                 continue;
             }
@@ -57,10 +59,9 @@ impl WorkingModel<'_> {
         let (mut num_known, mut num_shared) = (0usize, 0usize);
         let mut torn = Vec::new();
         for m in &pair.matches {
-            let (Some(&a), Some(&b)) = (
-                track_of[i].get(m.feature1 as usize),
-                track_of[j].get(m.feature2 as usize),
-            ) else {
+            let (Some(&a), Some(&b)) =
+                (track_of[i].get(m.feature1 as usize), track_of[j].get(m.feature2 as usize))
+            else {
                 continue;
             };
             if a == NONE || b == NONE {
@@ -73,9 +74,10 @@ impl WorkingModel<'_> {
             }
             num_known += 1;
             let active = |track: u32, image: usize, keypoint: u32| {
-                self.tracks[track as usize].sightings.iter().any(|s| {
-                    s.image as usize == image && s.keypoint == keypoint && s.active
-                })
+                self.tracks[track as usize]
+                    .sightings
+                    .iter()
+                    .any(|s| s.image as usize == image && s.keypoint == keypoint && s.active)
             };
             if a == b && active(a, i, m.feature1) && active(b, j, m.feature2) {
                 num_shared += 1;
@@ -105,9 +107,10 @@ impl WorkingModel<'_> {
     /// Joins `b` into `a` and lets every sighting within `limit` take part.
     fn mend(&mut self, a: usize, b: usize, limit: f64, track_of: &mut [Vec<u32>]) -> usize {
         if a != b {
-            let shares_image = self.tracks[a].sightings.iter().any(|s| {
-                self.tracks[b].sightings.iter().any(|other| other.image == s.image)
-            });
+            let shares_image = self.tracks[a]
+                .sightings
+                .iter()
+                .any(|s| self.tracks[b].sightings.iter().any(|other| other.image == s.image));
             if shares_image {
                 return 0;
             }

@@ -13,8 +13,8 @@ use volery_geometry::Camera;
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
-pub(crate) use initial_pair::{median, relative_pose};
 use initial_pair::{InitialDemands, rank_initial_pairs};
+pub(crate) use initial_pair::{median, relative_pose};
 use resection::Support;
 pub(crate) use working::{Input, WorkingModel};
 
@@ -84,8 +84,7 @@ pub fn map_incrementally(
             usable[image] = false;
         }
         num_done += registered.len();
-        if is_map
-            || (registered.len() >= MIN_ZONE_IMAGES && model.num_points() >= MIN_ZONE_POINTS)
+        if is_map || (registered.len() >= MIN_ZONE_IMAGES && model.num_points() >= MIN_ZONE_POINTS)
         {
             // What the map taught about a camera holds for the zones too.
             start.clone_from(&model.cameras);
@@ -126,9 +125,8 @@ fn largest_model<'a>(
             }
             model.grow(num_done, progress)?;
             num_attempts += 1;
-            let num_reachable = connected[image1].map_or(0, |c| {
-                connected.iter().filter(|&&other| other == Some(c)).count()
-            });
+            let num_reachable = connected[image1]
+                .map_or(0, |c| connected.iter().filter(|&&other| other == Some(c)).count());
             let num_registered = model.num_registered();
             let is_complete = num_registered as f64 >= COMPLETE_FRACTION * num_reachable as f64;
             if best.as_ref().is_none_or(|best| num_registered > best.num_registered()) {
@@ -147,7 +145,11 @@ fn largest_model<'a>(
 
 impl WorkingModel<'_> {
     /// Adds images until none fits any more, then refines everything to the end.
-    pub(crate) fn grow(&mut self, num_done: usize, progress: &dyn Progress) -> Result<(), Cancelled> {
+    pub(crate) fn grow(
+        &mut self,
+        num_done: usize,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
         let total = self.num_images();
         let mut failed_at = vec![0usize; total];
         let mut at_last_global = (0, 0);
@@ -161,7 +163,11 @@ impl WorkingModel<'_> {
                 for &image in &local {
                     self.triangulate_image(image);
                 }
-                progress.report(Stage::Mapping, (num_done + self.num_registered()).min(total), total);
+                progress.report(
+                    Stage::Mapping,
+                    (num_done + self.num_registered()).min(total),
+                    total,
+                );
                 support = Support::STRICT;
                 let grown = |now: usize, then: usize| now as f64 >= GLOBAL_GROWTH * then as f64;
                 if grown(self.num_registered(), at_last_global.0)
@@ -201,7 +207,11 @@ impl WorkingModel<'_> {
     }
 
     /// One global round: close loops, adjust, bring the points up to date.
-    fn refine(&mut self, options: &BundleOptions, progress: &dyn Progress) -> Result<usize, Cancelled> {
+    fn refine(
+        &mut self,
+        options: &BundleOptions,
+        progress: &dyn Progress,
+    ) -> Result<usize, Cancelled> {
         self.close_loops(progress)?;
         self.adjust_all(options, progress)?;
         let num_changed = self.update_tracks();

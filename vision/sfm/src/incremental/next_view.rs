@@ -76,8 +76,7 @@ mod tests {
         let spread: Vec<_> = (0..64)
             .map(|i| Point2::new(f64::from(i % 8) * 80.0 + 40.0, f64::from(i / 8) * 60.0 + 30.0))
             .collect();
-        let clustered: Vec<_> =
-            spread.iter().map(|p| Point2::new(p.x * 0.1, p.y * 0.1)).collect();
+        let clustered: Vec<_> = spread.iter().map(|p| Point2::new(p.x * 0.1, p.y * 0.1)).collect();
         assert!(spread_score(&spread, 640, 480) > 2 * spread_score(&clustered, 640, 480));
         assert!(spread_score(&spread, 640, 480) > spread_score(&spread[..32], 640, 480));
         assert_eq!(spread_score(&[], 640, 480), 0);

@@ -71,10 +71,9 @@ impl WorkingModel<'_> {
             let focal = 0.5 * (self.camera(i).mean_focal() + self.camera(j).mean_focal());
             let limit = (MAX_SAMPSON_PX / focal).powi(2);
             for m in &pair.matches {
-                let (Some(Some(xy1)), Some(Some(xy2))) = (
-                    self.rays[i].get(m.feature1 as usize),
-                    self.rays[j].get(m.feature2 as usize),
-                ) else {
+                let (Some(Some(xy1)), Some(Some(xy2))) =
+                    (self.rays[i].get(m.feature1 as usize), self.rays[j].get(m.feature2 as usize))
+                else {
                     continue;
                 };
                 let error =

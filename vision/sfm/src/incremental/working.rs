@@ -265,10 +265,7 @@ impl<'a> WorkingModel<'a> {
                 .iter()
                 .map(|s| Observation { image: ImageId(s.image), keypoint: s.keypoint })
                 .collect();
-            points.insert(
-                id,
-                Point3d { position, color: self.mean_color(&seen), error_px, track },
-            );
+            points.insert(id, Point3d { position, color: self.mean_color(&seen), error_px, track });
         }
         SparseModel { cameras, images, points }
     }
