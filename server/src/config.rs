@@ -38,6 +38,8 @@ pub struct WorkerLimits {
     pub decoders: usize,
     /// Localizers at once.
     pub localizers: usize,
+    /// Questions that may wait for a localizer; more are turned away.
+    pub waiting: usize,
     /// Address space of a decoder, bytes.
     pub decoder_bytes: u64,
     /// Address space of a localizer, bytes.
@@ -69,6 +71,8 @@ pub struct JobSettings {
     pub cancel_grace: Duration,
     /// Longest run of one job.
     pub timeout: Duration,
+    /// Whether the work folder of a job stays when it has succeeded and its map is kept.
+    pub keep_work_folders: bool,
 }
 
 impl Config {
@@ -93,6 +97,7 @@ impl Default for WorkerLimits {
         Self {
             decoders: 2,
             localizers: 2,
+            waiting: 64,
             decoder_bytes: 2 << 30,
             localizer_bytes: 8 << 30,
             job_bytes: 32 << 30,
@@ -113,6 +118,7 @@ impl Default for JobSettings {
             backoff: [5, 30, 180].map(Duration::from_secs).to_vec(),
             cancel_grace: Duration::from_secs(10),
             timeout: Duration::from_secs(24 * 3600),
+            keep_work_folders: false,
         }
     }
 }

@@ -24,6 +24,7 @@ async fn service_to_be_killed() {
     let Ok(data) = std::env::var(DATA) else { return };
     let data = Path::new(&data);
     let mut config = support::config(data);
+    config.jobs.keep_work_folders = true;
     if let Some(program) = std::env::var_os(PROGRAM) {
         config.worker_program = program.into();
     }

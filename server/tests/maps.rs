@@ -152,3 +152,33 @@ async fn poses_of_a_map_are_listed() {
     client.delete(&format!("/v1/maps/{map}")).await.expect(204);
     client.get(&format!("/v1/maps/{map}")).await.expect(404);
 }
+
+#[tokio::test]
+async fn questions_beyond_the_queue_are_turned_away() {
+    let server = Server::start_with(|config| {
+        config.workers.localizers = 1;
+        config.workers.waiting = 1;
+    })
+    .await;
+    let map = server.client.map().await;
+    let asked: Vec<_> = (0..5)
+        .map(|_| {
+            let (client, path) = (server.client.clone(), format!("/v1/maps/{map}/localize"));
+            tokio::spawn(async move {
+                let jpeg = [("Content-Type", "image/jpeg")];
+                client.send("POST", &path, &jpeg, &photo("slow")).await
+            })
+        })
+        .collect();
+    let (mut answered, mut refused) = (0, 0);
+    for answer in asked {
+        let answer = answer.await.unwrap();
+        if answer.status == 200 {
+            answered += 1;
+        } else {
+            assert_eq!(answer.expect(503).code(), "worker_busy");
+            refused += 1;
+        }
+    }
+    assert!(answered >= 2 && refused >= 1, "{answered} answered, {refused} refused");
+}

@@ -21,6 +21,7 @@ use crate::{
     extract::{Asked, At, body_error, json_header, media_type, multipart_error, parse_json},
     metrics::add,
     state::App,
+    workers::PoolError,
 };
 
 /// A photo and what is known of it.
@@ -119,7 +120,7 @@ pub(crate) async fn localize_in(
     let timeout = app.config.workers.localize_timeout;
     let asked = app.localizers.call::<Localization>(&request, &query.image, timeout).await;
     let mut localization = asked.inspect_err(|error| {
-        if !matches!(error, crate::workers::PoolError::Refused(_)) {
+        if matches!(error, PoolError::Died | PoolError::TimedOut(_)) {
             add(&app.metrics.worker_deaths, 1);
         }
     })?;

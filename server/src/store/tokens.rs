@@ -63,6 +63,19 @@ impl Store {
         }))
     }
 
+    /// Whether a token is still valid.
+    pub(crate) async fn token_lives(&self, id: Uuid) -> ApiResult<bool> {
+        let row = sqlx::query(
+            "SELECT EXISTS (SELECT 1 FROM tokens WHERE id = ?1 AND
+             (expires_ms IS NULL OR expires_ms > ?2)) AS lives",
+        )
+        .bind(id.to_string())
+        .bind(clock::now_ms())
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(row.try_get::<i64, _>("lives")? != 0)
+    }
+
     /// Whether there is any token.
     pub(crate) async fn has_tokens(&self) -> ApiResult<bool> {
         let row = sqlx::query("SELECT EXISTS (SELECT 1 FROM tokens) AS any_token")

@@ -32,6 +32,9 @@ pub(crate) enum PoolError {
     /// The child died or talked nonsense.
     #[error("the worker died")]
     Died,
+    /// Too many wait already.
+    #[error("too many questions wait for a worker")]
+    Busy,
     /// The child took too long and was killed.
     #[error("the worker took longer than {0:?}")]
     TimedOut(Duration),
@@ -49,6 +52,7 @@ impl From<PoolError> for ApiError {
             }
             PoolError::Refused(failure) => return failure.into(),
             PoolError::Died => "worker_died",
+            PoolError::Busy => "worker_busy",
             PoolError::TimedOut(_) => "worker_timeout",
             PoolError::NoStart(_) => "worker_missing",
         };
@@ -63,6 +67,7 @@ pub(crate) struct Pool {
     word: &'static str,
     bytes: u64,
     places: Semaphore,
+    waiting: Semaphore,
     idle: Mutex<Vec<Worker>>,
 }
 
@@ -81,6 +86,7 @@ impl Pool {
             word,
             bytes,
             places: Semaphore::new(size.max(1)),
+            waiting: Semaphore::new(size.max(1) + config.workers.waiting),
             idle: Mutex::new(Vec::new()),
         }
     }
@@ -93,6 +99,7 @@ impl Pool {
         payload: &[u8],
         timeout: Duration,
     ) -> Result<T, PoolError> {
+        let _waiting = self.waiting.try_acquire().map_err(|_| PoolError::Busy)?;
         let _place = self.places.acquire().await.map_err(|_| PoolError::Died)?;
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut worker = match idle {

@@ -13,6 +13,7 @@ use volery_api::ws::{
 
 use super::{stream::Stream, topics};
 use crate::{
+    auth::Caller,
     clock,
     error::ApiResult,
     extract::parse_json,
@@ -23,6 +24,8 @@ use crate::{
 /// Messages that may wait for a slow client before it is shut out.
 const QUEUE: usize = 64;
 const PING: Duration = Duration::from_secs(10);
+/// Close code for a token that has ended.
+const UNAUTHORIZED: u16 = 4401;
 /// Time without a sign of life after which a client is gone.
 const SILENCE: Duration = Duration::from_secs(30);
 const MAX_TOPICS: usize = 256;
@@ -59,7 +62,7 @@ impl Drop for Task {
 }
 
 /// Serves a socket until either side ends it.
-pub(super) async fn run(app: Arc<App>, socket: WebSocket, max_frame_bytes: u64) {
+pub(super) async fn run(app: Arc<App>, caller: Caller, socket: WebSocket, max_frame_bytes: u64) {
     add(&app.metrics.sockets, 1);
     let (mut sink, mut stream) = socket.split();
     let (sender, mut outbox) = mpsc::channel(QUEUE);
@@ -104,6 +107,9 @@ pub(super) async fn run(app: Arc<App>, socket: WebSocket, max_frame_bytes: u64) 
                 };
             }
             now = ping.tick() => {
+                if !may_stay(&app, &caller).await {
+                    break (UNAUTHORIZED, "the token is not valid any more");
+                }
                 if now.duration_since(last_heard) > SILENCE {
                     break (close_code::AWAY, "no sign of life");
                 }
@@ -122,6 +128,12 @@ pub(super) async fn run(app: Arc<App>, socket: WebSocket, max_frame_bytes: u64) 
         let _ = tokio::time::timeout(Duration::from_secs(1), close).await;
     }
     sub(&app.metrics.sockets, 1);
+}
+
+/// A token may end while its socket is open.
+async fn may_stay(app: &App, caller: &Caller) -> bool {
+    // A database that is busy is no reason to throw a client out.
+    caller.id.is_nil() || app.store.token_lives(caller.id).await.unwrap_or(true)
 }
 
 async fn write(

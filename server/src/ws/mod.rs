@@ -29,7 +29,7 @@ const MAX_FRAME_HEADER: u64 = 64 << 10;
     responses((status = 101, description = "The socket is open")))]
 pub(crate) async fn open_socket(
     State(app): State<Arc<App>>,
-    _caller: Viewer,
+    Viewer(caller): Viewer,
     headers: HeaderMap,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> ApiResult<Response> {
@@ -50,5 +50,5 @@ pub(crate) async fn open_socket(
         .protocols(protocols)
         .max_message_size(max_frame_bytes as usize)
         .max_frame_size(max_frame_bytes as usize)
-        .on_upgrade(move |socket| connection::run(app, socket, max_frame_bytes)))
+        .on_upgrade(move |socket| connection::run(app, caller, socket, max_frame_bytes)))
 }
