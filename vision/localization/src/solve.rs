@@ -24,7 +24,7 @@ const MAX_ITERATIONS: usize = 20_000;
 /// A rival with this part of the best pose's support makes the answer ambiguous.
 const RIVAL_SUPPORT: f64 = 0.7;
 /// A believed pose with less than this part of a doubted one's support is not believed.
-const MIN_SUPPORT: f64 = 0.5;
+const MIN_SUPPORT: f64 = 0.8;
 /// Poses tried per set of pairs.
 const MAX_CANDIDATES: usize = 3;
 /// Hypotheses drawn in search of another pose.
@@ -87,12 +87,13 @@ impl<'a> PoseSolver<'a> {
             let reason = doubt.verdict.err();
             return Status::NotFound(reason.unwrap_or(NotFoundReason::TooFewInliers));
         }
-        let num_poses = 1 + believed[1..].iter().filter(|other| rivals(best, other)).count();
-        if num_poses == 1 && !contradicts(&best.estimate, prior) {
-            return Status::Ok(best.estimate.clone());
+        let others = believed[1..].iter().filter(|other| rivals(best, other));
+        let mut poses = vec![best.estimate.clone()];
+        poses.extend(others.map(|other| other.estimate.clone()));
+        if poses.len() > 1 || contradicts(&poses[0], prior) {
+            return Status::Ambiguous(poses);
         }
-        believed.truncate(num_poses);
-        Status::Ambiguous(believed.into_iter().map(|candidate| candidate.estimate).collect())
+        Status::Ok(poses.swap_remove(0))
     }
 
     /// Poses that explain parts of `pairs`, each what the ones before it leave over: until one is
@@ -139,7 +140,7 @@ impl<'a> PoseSolver<'a> {
             let scale = f64::from(self.features.keypoints[pair.keypoint as usize].scale);
             sights.push(Sight {
                 pixel,
-                relative_sigma: (1.0 + 0.25 * scale * scale).sqrt(),
+                relative_sigma: (1.0 + 0.04 * scale * scale).sqrt(),
                 point: point.position,
                 covariance: point.covariance.map(f64::from),
             });

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, Point3, Vector2};
+use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 use volery_features::{MatchOptions, PackedDescriptors, global_descriptor, match_features};
 use volery_geometry::Camera;
 use volery_geometry::epipolar::{
@@ -15,17 +15,21 @@ use volery_scene::{
 };
 
 /// An image of known pose with its features.
-pub struct PosedFeatures {
-    pub name: String,
-    pub cam_from_world: Isometry3<f64>,
-    pub features: Features,
+pub(crate) struct PosedFeatures {
+    pub(crate) name: String,
+    pub(crate) cam_from_world: Isometry3<f64>,
+    pub(crate) features: Features,
 }
 
 const MIN_ANGLE_DEG: f64 = 1.5;
 
 /// Matches all pairs, keeps what agrees with the poses within `max_error_px`, triangulates the
 /// tracks.
-pub fn triangulate(images: &[PosedFeatures], camera: &Camera, max_error_px: f64) -> SparseModel {
+pub(crate) fn triangulate(
+    images: &[PosedFeatures],
+    camera: &Camera,
+    max_error_px: f64,
+) -> SparseModel {
     let packed: Vec<PackedDescriptors> =
         images.iter().map(|image| PackedDescriptors::new(&image.features.descriptors)).collect();
     let mut tracks = Tracks::default();
@@ -56,13 +60,11 @@ pub fn triangulate(images: &[PosedFeatures], camera: &Camera, max_error_px: f64)
     model(images, camera, tracks, max_error_px)
 }
 
-pub fn index(images: &[PosedFeatures], model: &SparseModel) -> LocalizationIndex {
+pub(crate) fn index(images: &[PosedFeatures], model: &SparseModel) -> LocalizationIndex {
     let descriptors: Vec<_> = images.iter().map(|i| i.features.descriptors.clone()).collect();
     let globals: Vec<_> = images.iter().map(|i| global_descriptor(&i.features)).collect();
     LocalizationIndex::new(model, &descriptors, &globals)
 }
-
-use nalgebra::{Point2, Vector3};
 
 fn undistorted(camera: &Camera, pixel: &Point2<f64>) -> Option<Point2<f64>> {
     let xy = camera.unproject(pixel)?;
