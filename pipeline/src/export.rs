@@ -125,13 +125,13 @@ fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInf
 
 /// Box around the points without the outermost hundredth on every side.
 pub(crate) fn bounds(model: &SparseModel) -> Option<[[f64; 3]; 2]> {
-    let mut corners = [[0.0; 3]; 2];
-    for axis in 0..3 {
+    let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
+    for (axis, (low, high)) in low.iter_mut().zip(&mut high).enumerate() {
         let mut values: Vec<f64> = model.points.values().map(|p| p.position[axis]).collect();
         values.sort_by(f64::total_cmp);
         let cut = values.len() / 100;
-        corners[0][axis] = *values.get(cut)?;
-        corners[1][axis] = values[values.len() - 1 - cut];
+        *low = *values.get(cut)?;
+        *high = values[values.len() - 1 - cut];
     }
-    Some(corners)
+    Some([low, high])
 }
