@@ -98,7 +98,7 @@ impl Hall {
 
 /// Face `face` of a box (−x, +x, −y, +y, −z, +z), seen from inside or outside.
 fn blank(cuboid: &Cuboid, face: usize, from_inside: bool, material: Material) -> Blank {
-    let (axis, sign) = (face / 2, if face % 2 == 0 { -1.0 } else { 1.0 });
+    let (axis, sign) = (face / 2, if face.is_multiple_of(2) { -1.0 } else { 1.0 });
     let mut out = Vector3::zeros();
     out[axis] = sign;
     let normal = if from_inside { -out } else { out };
