@@ -92,6 +92,7 @@ impl NotFoundReason {
 
 /// Whether there is a pose.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "one per request, and `Ok` is the usual one")]
 pub enum Status {
     /// One pose stands out.
     Ok(PoseEstimate),
