@@ -64,6 +64,9 @@ pub(crate) fn map_pairs(
             ReconstructError::TooFewImages { .. } => {
                 PipelineError::plain(code::TOO_FEW_IMAGES, error.to_string())
             }
+            ReconstructError::UnknownCamera { .. } => {
+                PipelineError::plain(code::BAD_INPUT, error.to_string())
+            }
         },
     )?;
     let bytes = write_reconstruction(&reconstruction)
