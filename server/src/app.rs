@@ -78,11 +78,16 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(maps::map_cameras))
 }
 
-/// Routes that take uploads, wait for workers, or stay open.
-fn slow_routes() -> OpenApiRouter<Arc<App>> {
+/// Routes that write what they take to the disk as it comes.
+fn upload_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::new()
         .routes(routes!(uploads::upload_images, images::list_images))
         .routes(routes!(uploads::upload_archive))
+}
+
+/// Routes that wait for workers or stay open.
+fn slow_routes() -> OpenApiRouter<Arc<App>> {
+    OpenApiRouter::new()
         .routes(routes!(maps::align_map))
         .routes(routes!(exports::map_points))
         .routes(routes!(exports::export))
@@ -92,7 +97,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
 
 /// The description alone.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    let mut openapi = quick_routes().merge(slow_routes()).into_openapi();
+    let mut openapi = quick_routes().merge(upload_routes()).merge(slow_routes()).into_openapi();
     let scheme = HttpBuilder::new()
         .scheme(HttpAuthScheme::Bearer)
         .description(Some("A token from `POST /v1/tokens`"))
@@ -123,17 +128,18 @@ pub fn openapi_yaml() -> String {
 /// Every route with everything around it.
 pub(crate) fn router(app: Arc<App>) -> Router {
     let limits = &app.config.limits;
-    let (json, upload) = (limits.json_bytes as usize, limits.upload_bytes as usize);
     let idle = std::time::Duration::from_secs(limits.body_idle_timeout_s);
-    let archive = limits.archive_bytes.max(limits.upload_bytes) as usize;
+    // A photo among other parts of a form.
+    let form = limits.image_bytes + limits.json_bytes;
+    let upload = limits.archive_bytes.max(limits.upload_bytes);
     let quick: Router<Arc<App>> = quick_routes().into();
-    let quick = quick
-        .layer(from_fn_with_state(Arc::clone(&app), limit_time))
-        .layer(DefaultBodyLimit::max(json));
     let slow: Router<Arc<App>> = slow_routes().into();
-    let slow = slow.layer(DefaultBodyLimit::max(upload.max(archive)));
+    let uploads: Router<Arc<App>> = upload_routes().into();
     quick
-        .merge(slow)
+        .layer(from_fn_with_state(Arc::clone(&app), limit_time))
+        .layer(DefaultBodyLimit::max(limits.json_bytes as usize))
+        .merge(slow.layer(DefaultBodyLimit::max(form as usize)))
+        .merge(uploads.layer(DefaultBodyLimit::max(upload as usize)))
         .fallback(|| async { ApiError::new(Code::NoSuchRoute, "there is no such route") })
         .method_not_allowed_fallback(|| async {
             ApiError::new(Code::MethodNotAllowed, "the route does not know this method")

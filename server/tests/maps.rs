@@ -138,6 +138,25 @@ async fn a_photo_is_answered_with_a_pose_or_a_reason() {
     assert_eq!(client.send("POST", &path, &jpeg, b"").await.expect(422).code(), "empty_file");
 }
 
+/// Without a length the limit must hold while the body comes: it is kept in memory.
+#[tokio::test]
+async fn a_photo_without_a_length_is_limited_too() {
+    let server = Server::start_with(|config| {
+        config.limits.image_bytes = 1000;
+        config.limits.json_bytes = 1000;
+    })
+    .await;
+    let map = server.client.map().await;
+    let token = server.client.token.clone().unwrap();
+    let mut chunked = format!(
+        "POST /v1/maps/{map}/localize HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\
+         Connection: close\r\nContent-Type: image/jpeg\r\nTransfer-Encoding: chunked\r\n\r\nbb8\r\n"
+    )
+    .into_bytes();
+    chunked.extend([&[0; 3000][..], b"\r\n0\r\n\r\n"].concat());
+    assert_eq!(server.client.raw(chunked).await.expect(413).code(), "too_large");
+}
+
 #[tokio::test]
 async fn poses_of_a_map_are_listed() {
     let server = Server::start().await;
