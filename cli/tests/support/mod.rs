@@ -11,10 +11,10 @@ use serde_json::Value;
 use volery_synthetic::DemoHall;
 
 /// A folder that goes when the test ends.
-pub struct Folder(pub PathBuf);
+pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
-    pub fn new(name: &str) -> Self {
+    pub(crate) fn new(name: &str) -> Self {
         let path =
             Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
@@ -22,7 +22,7 @@ impl Folder {
         Self(path)
     }
 
-    pub fn join(&self, name: impl AsRef<Path>) -> PathBuf {
+    pub(crate) fn join(&self, name: impl AsRef<Path>) -> PathBuf {
         self.0.join(name)
     }
 }
@@ -35,12 +35,12 @@ impl Drop for Folder {
     }
 }
 
-pub fn volery(args: &[&str]) -> Output {
+pub(crate) fn volery(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volery")).args(args).output().unwrap()
 }
 
 /// Standard output as JSON, and the exit code.
-pub fn volery_json(args: &[&str]) -> (Value, i32) {
+pub(crate) fn volery_json(args: &[&str]) -> (Value, i32) {
     let output = volery(args);
     let text = String::from_utf8(output.stdout).unwrap();
     let error = String::from_utf8_lossy(&output.stderr);
@@ -48,15 +48,15 @@ pub fn volery_json(args: &[&str]) -> (Value, i32) {
     (value, output.status.code().unwrap_or(-1))
 }
 
-pub fn utf8(path: &Path) -> &str {
+pub(crate) fn utf8(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
 /// The circle of the demo's scan, half as many photos, as PNG files in `folder/scan` and
 /// `folder/query`, with `telemetry.csv` and `truth.csv`.
-pub fn hall_photos(folder: &Path) -> DemoHall {
+pub(crate) fn hall_photos(folder: &Path) -> DemoHall {
     let mut hall = DemoHall::new(3);
-    hall.scan = hall.scan.into_iter().skip(24).step_by(1).take(18).collect();
+    hall.scan = hall.scan.into_iter().skip(24).take(18).collect();
     hall.queries.truncate(4);
     for (name, shots) in [("scan", &hall.scan), ("query", &hall.queries)] {
         let to = folder.join(name);
@@ -82,7 +82,7 @@ pub fn hall_photos(folder: &Path) -> DemoHall {
 }
 
 /// Root mean square of the position errors of a `poses.csv` after the best similarity, meters.
-pub fn position_error(hall: &DemoHall, poses_csv: &Path) -> (usize, f64) {
+pub(crate) fn position_error(hall: &DemoHall, poses_csv: &Path) -> (usize, f64) {
     let poses = volery_formats::read_poses_csv(&fs::read(poses_csv).unwrap()).unwrap();
     let center = |pose: &volery_geometry::Isometry3<f64>| {
         volery_geometry::Point3::from(pose.translation.vector)
@@ -100,7 +100,7 @@ pub fn position_error(hall: &DemoHall, poses_csv: &Path) -> (usize, f64) {
 }
 
 /// All files of a map folder that must be equal for equal runs, by name.
-pub fn map_bytes(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+pub(crate) fn map_bytes(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut files = Vec::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(next) = folders.pop() {
