@@ -12,7 +12,10 @@ use volery_tests::evaluation::{Alignment, Poses, evaluate, poses_of};
 
 fn features_of(demo: &DemoHall) -> Vec<Features> {
     let options = SiftOptions { max_features: 3000, ..SiftOptions::default() };
-    demo.scan.par_iter().map(|shot| detect_and_describe(&demo.photo(shot).gray(), &options)).collect()
+    demo.scan
+        .par_iter()
+        .map(|shot| detect_and_describe(&demo.photo(shot).gray(), &options))
+        .collect()
 }
 
 fn pairs_of(demo: &DemoHall, features: &[Features]) -> Vec<TwoViewGeometry> {

@@ -1,1 +1,0 @@
-//! Time per stage and accuracy on every set.
