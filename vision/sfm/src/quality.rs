@@ -4,6 +4,8 @@
 //! image placed. What gives it away is evidence it did not use: verified pairs whose geometry
 //! disagrees with the poses, parts that hang together by a thread, cameras no one builds.
 
+mod ties;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use volery_geometry::epipolar::{essential_from_pose, squared_sampson_error};
@@ -14,6 +16,7 @@ use volery_scene::{
 
 use crate::SfmCamera;
 use crate::incremental::{FOV_RANGE_DEG, MAX_DISTORTION};
+use ties::{MIN_PART_IMAGES, MIN_TIE_POINTS, weakest_tie};
 
 /// Inliers from which a pair's word counts.
 const MIN_WITNESS_INLIERS: usize = 25;
@@ -26,17 +29,13 @@ const MIN_SEEING: usize = 15;
 /// A pair is torn if fewer of these matches share their point.
 const MIN_SHARING: f64 = 0.3;
 /// Part of the matches in contradicting pairs that makes a map suspect.
-const MAX_CONTRADICTION: f64 = 0.04;
+const MAX_CONTRADICTION: f64 = 0.1;
 /// The same over the pairs across one place of the sequence, where two parts may be joined wrongly.
-const MAX_CUT_CONTRADICTION: f64 = 0.25;
+const MAX_CUT_CONTRADICTION: f64 = 0.5;
 /// Part of the images in verified pairs that a map should hold.
 const MIN_PLACED: f64 = 0.4;
 /// Relative standard deviation of a self-calibrated focal length.
 const MAX_FOCAL_SIGMA: f64 = 0.02;
-/// Points across a cut that tie two parts of a map together.
-const MIN_TIE_POINTS: usize = 40;
-/// Images on the smaller side of a cut that is worth a warning.
-const MIN_PART_IMAGES: usize = 3;
 /// Points an image should see.
 const MIN_IMAGE_POINTS: usize = 30;
 /// Part of the images that may see fewer.
@@ -221,10 +220,12 @@ impl Evidence {
 fn worst_cut(changes: &BTreeMap<ImageId, (isize, isize)>) -> Option<(ImageId, f64)> {
     let (mut across, mut against) = (0, 0);
     let mut worst: Option<(ImageId, f64)> = None;
-    for (&image, change) in changes {
+    for (index, (&image, change)) in changes.iter().enumerate() {
         across += change.0;
         against += change.1;
-        if across <= 0 {
+        // A cut near an end has few witnesses.
+        let smaller = (index + 1).min(changes.len() - 1 - index);
+        if across <= 0 || smaller < MIN_PART_IMAGES {
             continue;
         }
         let part = against as f64 / across as f64;
@@ -333,78 +334,6 @@ fn absurd_cameras(model: &SparseModel, cameras: &[SfmCamera]) -> Vec<(String, u3
         }
     }
     absurd
-}
-
-/// Fewest points shared across any cut of a maximum spanning tree over the images (edges weigh
-/// shared points) that leaves at least [`MIN_PART_IMAGES`] on either side, with the number of
-/// images on the smaller side.
-fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
-    let ids: Vec<ImageId> = model.images.keys().copied().collect();
-    let index_of: BTreeMap<ImageId, usize> =
-        ids.iter().enumerate().map(|(index, &id)| (id, index)).collect();
-    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    let seen_by: Vec<Vec<usize>> = model
-        .points
-        .values()
-        .map(|point| point.track.iter().filter_map(|o| index_of.get(&o.image).copied()).collect())
-        .collect();
-    for images in &seen_by {
-        for (position, &a) in images.iter().enumerate() {
-            for &b in &images[..position] {
-                *shared.entry((a.min(b), a.max(b))).or_default() += 1;
-            }
-        }
-    }
-    let mut edges: Vec<(usize, (usize, usize))> = shared.into_iter().map(|(e, n)| (n, e)).collect();
-    edges.sort_by_key(|&(n, edge)| (std::cmp::Reverse(n), edge));
-    let mut part: Vec<usize> = (0..ids.len()).collect();
-    let mut tree = Vec::new();
-    for &(n, (a, b)) in &edges {
-        let (from, to) = (part[a], part[b]);
-        if from != to {
-            for p in part.iter_mut().filter(|p| **p == from) {
-                *p = to;
-            }
-            tree.push((n, a, b));
-        }
-    }
-    // Only weak edges of the tree can be part of a weak cut.
-    let mut weakest: Option<(usize, usize)> = None;
-    for cut in (0..tree.len()).filter(|&t| tree[t].0 < MIN_TIE_POINTS) {
-        let side = side_of(&tree, cut, ids.len());
-        let size = side.iter().filter(|&&inside| inside).count();
-        let smaller = size.min(ids.len() - size);
-        if smaller < MIN_PART_IMAGES {
-            continue;
-        }
-        let across = seen_by
-            .iter()
-            .filter(|images| images.iter().any(|&i| side[i]) && images.iter().any(|&i| !side[i]))
-            .count();
-        if weakest.is_none_or(|(least, _)| across < least) {
-            weakest = Some((across, smaller));
-        }
-    }
-    weakest
-}
-
-/// Nodes on the first side of `tree` without the edge `cut`.
-fn side_of(tree: &[(usize, usize, usize)], cut: usize, num_nodes: usize) -> Vec<bool> {
-    let mut neighbors = vec![Vec::new(); num_nodes];
-    for (index, &(_, a, b)) in tree.iter().enumerate() {
-        if index != cut {
-            neighbors[a].push(b);
-            neighbors[b].push(a);
-        }
-    }
-    let mut inside = vec![false; num_nodes];
-    let mut stack = vec![tree[cut].1];
-    while let Some(node) = stack.pop() {
-        if !std::mem::replace(&mut inside[node], true) {
-            stack.extend(&neighbors[node]);
-        }
-    }
-    inside
 }
 
 /// The verdict when there is no map: why most images have no place.

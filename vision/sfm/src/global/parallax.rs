@@ -1,9 +1,10 @@
 //! Whether the cameras moved far enough for depth to be more than noise.
 
 use nalgebra::{Point3, Vector3};
+use volery_geometry::median;
 use volery_geometry::triangulation::camera_center;
 
-use crate::incremental::{WorkingModel, median};
+use crate::incremental::WorkingModel;
 
 /// Parallax of the median point in multiples of the noise of a sighting, below which the depths
 /// are noise.

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Vector2};
 use volery_estimation::BundleOptions;
 use volery_geometry::epipolar::poses_from_essential;
+use volery_geometry::median;
 use volery_geometry::triangulation::{camera_center, triangulation_angle};
 use volery_scene::{Cancelled, Progress, TwoViewGeometry, TwoViewKind};
 
@@ -72,11 +73,6 @@ fn uncalibrated_angle_deg(model: &WorkingModel<'_>, pair: &TwoViewGeometry) -> O
         })
         .collect();
     median(&mut angles).map(f64::to_degrees)
-}
-
-pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn ray(model: &WorkingModel<'_>, image: u32, keypoint: u32) -> Option<Vector2<f64>> {
