@@ -76,7 +76,8 @@ fn map(scene: &PointScene, camera: SfmCamera) -> Reconstruction {
 /// Largest position error, meters, and largest rotation error, degrees, after an alignment that
 /// takes the turn from the orientations, so that straight paths have one too.
 fn pose_errors(model: &SparseModel, scene: &PointScene) -> (f64, f64) {
-    let pairs: Vec<(Isometry3<f64>, Isometry3<f64>)> = model
+    type PosePair = (Isometry3<f64>, Isometry3<f64>);
+    let pairs: Vec<PosePair> = model
         .images
         .iter()
         .map(|(id, image)| {
@@ -89,12 +90,11 @@ fn pose_errors(model: &SparseModel, scene: &PointScene) -> (f64, f64) {
         .sum();
     let truth_from_model = UnitQuaternion::from_matrix(&sum);
     let n = pairs.len() as f64;
-    let mean = |f: &dyn Fn(&(Isometry3<f64>, Isometry3<f64>)) -> Vector3<f64>| {
-        pairs.iter().map(f).sum::<Vector3<f64>>() / n
-    };
+    let mean =
+        |f: &dyn Fn(&PosePair) -> Vector3<f64>| pairs.iter().map(f).sum::<Vector3<f64>>() / n;
     let mean_model = mean(&|p| truth_from_model * p.0.translation.vector);
     let mean_truth = mean(&|p| p.1.translation.vector);
-    let centered = |p: &(Isometry3<f64>, Isometry3<f64>)| {
+    let centered = |p: &PosePair| {
         (
             truth_from_model * p.0.translation.vector - mean_model,
             p.1.translation.vector - mean_truth,

@@ -13,8 +13,8 @@ use volery_geometry::Camera;
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
-use initial_pair::{InitialDemands, rank_initial_pairs};
 pub(crate) use initial_pair::relative_pose;
+use initial_pair::{InitialDemands, rank_initial_pairs};
 use resection::Support;
 pub(crate) use working::{Input, WorkingModel};
 

@@ -282,6 +282,6 @@ impl<'a> WorkingModel<'a> {
                 }
             }
         }
-        sum.map(|sum| if n > 0 { ((sum + n / 2) / n) as u8 } else { 128 })
+        sum.map(|sum| (sum + n / 2).checked_div(n).map_or(128, |mean| mean as u8))
     }
 }
