@@ -91,8 +91,9 @@ pub(crate) fn covariance_in_map(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Translation3, UnitQuaternion, Vector3, Vector6};
+    use nalgebra::{Translation3, UnitQuaternion, Vector6};
     use volery_geometry::CameraModel;
+    use volery_geometry::perturbed;
     use volery_geometry::triangulation::camera_center;
 
     use super::*;
@@ -137,12 +138,7 @@ mod tests {
         for axis in 0..6 {
             let mut xi = Vector6::zeros();
             xi[axis] = 1e-6;
-            let omega = UnitQuaternion::from_scaled_axis(Vector3::new(xi[0], xi[1], xi[2]));
-            let tau = Vector3::new(xi[3], xi[4], xi[5]);
-            let moved = Isometry3::from_parts(
-                (omega * pose().translation.vector + tau).into(),
-                omega * pose().rotation,
-            );
+            let moved = perturbed(&pose(), &xi);
             let position = camera_center(&moved) - camera_center(&pose());
             let turn = (moved.inverse().rotation * pose().rotation).scaled_axis();
             let change =

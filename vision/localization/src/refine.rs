@@ -1,10 +1,7 @@
 //! The last refinement: keypoint noise and the map's own noise together.
 
-use nalgebra::{
-    Isometry3, Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, Point3, UnitQuaternion, Vector2,
-    Vector3, Vector6,
-};
-use volery_geometry::Camera;
+use nalgebra::{Isometry3, Matrix2, Matrix2x6, Matrix3, Matrix6, Point2, Point3, Vector2, Vector6};
+use volery_geometry::{Camera, median, perturbed};
 
 /// A pixel, the point that it sees, and the covariance of that point's position.
 pub(crate) struct Sight {
@@ -50,7 +47,7 @@ pub(crate) fn refine_weighted(
     let mut current = Normal::at(sights, camera, &pose, squared_sigma)?;
     for _ in 0..MAX_ITERATIONS {
         let step = current.weighted.cholesky()?.solve(&-current.gradient);
-        let moved = perturb(&pose, &step);
+        let moved = perturbed(&pose, &step);
         let Some(next) = Normal::at(sights, camera, &moved, squared_sigma) else { break };
         if next.cost >= current.cost {
             break;
@@ -101,12 +98,7 @@ fn pixel_variance(sights: &[Sight], camera: &Camera, pose: &Isometry3<f64>) -> O
                 Some(whitened(sight, camera, pose, squared_sigma)?.0.norm_squared())
             })
             .collect();
-        if squared.is_empty() {
-            return None;
-        }
-        let middle = squared.len() / 2;
-        let (_, median, _) = squared.select_nth_unstable_by(middle, f64::total_cmp);
-        let ratio = *median / (2.0 * std::f64::consts::LN_2);
+        let ratio = median(&mut squared)? / (2.0 * std::f64::consts::LN_2);
         squared_sigma = (squared_sigma * ratio).max(MIN_SIGMA_PX * MIN_SIGMA_PX);
     }
     Some(squared_sigma)
@@ -157,11 +149,4 @@ impl Normal {
         }
         Some(normal)
     }
-}
-
-/// `exp(ξ) · pose` to first order, the rotation exactly.
-fn perturb(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
-    let omega = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
-    let tau = Vector3::new(step[3], step[4], step[5]);
-    Isometry3::from_parts((omega * pose.translation.vector + tau).into(), omega * pose.rotation)
 }

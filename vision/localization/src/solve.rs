@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point2, Point3};
 use volery_estimation::absolute_pose::{RefinedPose, refine_absolute_pose};
 use volery_estimation::{AbsolutePoseOptions, estimate_absolute_pose};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, median};
 use volery_scene::Features;
 
 use crate::LocalizationIndex;
@@ -215,8 +215,7 @@ impl<'a> PoseSolver<'a> {
     fn median_depth(&self, pose: &Isometry3<f64>, inliers: &[Pair]) -> f64 {
         let mut depths: Vec<f64> =
             inliers.iter().map(|pair| (pose * self.position(pair)).z).collect();
-        depths.sort_by(f64::total_cmp);
-        depths.get(depths.len() / 2).copied().unwrap_or(0.0)
+        median(&mut depths).unwrap_or(0.0)
     }
 }
 

@@ -5,8 +5,7 @@ use nalgebra::Point2;
 /// Bytes of a SIFT descriptor.
 pub const DESCRIPTOR_LEN: usize = 128;
 
-/// RootSIFT in bytes: `128 * 4` scaled so that every byte is at most 127 and the Euclidean norm is
-/// nearly constant (the sum of squares is near 512²/4 before clamping).
+/// RootSIFT in bytes of at most 127: a unit vector times 256, rounded, so that the norm is near 256.
 pub type Descriptor = [u8; DESCRIPTOR_LEN];
 
 /// A location with scale and orientation.

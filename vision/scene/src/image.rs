@@ -44,7 +44,7 @@ pub struct GrayImage {
 }
 
 impl GrayImage {
-    /// `pixels.len()` must be `width * height`.
+    /// `None` unless `pixels.len()` is `width * height`.
     pub fn new(width: u32, height: u32, pixels: Vec<u8>) -> Option<Self> {
         let expected = (width as usize).checked_mul(height as usize)?;
         (pixels.len() == expected).then_some(Self { width, height, pixels })
@@ -65,7 +65,7 @@ impl GrayImage {
         &self.pixels
     }
 
-    /// Row `y`.
+    /// Row `y`, which must be less than the height.
     pub fn row(&self, y: u32) -> &[u8] {
         let start = y as usize * self.width as usize;
         &self.pixels[start..start + self.width as usize]

@@ -71,7 +71,6 @@ impl SparseModel {
 
     /// Moves the whole model: `x_in_target = target_from_world * x`.
     pub fn transform(&mut self, target_from_world: &nalgebra::Similarity3<f64>) {
-        let scale = target_from_world.scaling();
         let rotation = target_from_world.isometry.rotation;
         for point in self.points.values_mut() {
             point.position = target_from_world * point.position;
@@ -82,7 +81,6 @@ impl SparseModel {
             let translation = -(cam_from_target * center.coords);
             image.cam_from_world = Isometry3::from_parts(translation.into(), cam_from_target);
         }
-        debug_assert!(scale > 0.0);
     }
 }
 

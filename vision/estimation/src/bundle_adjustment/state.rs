@@ -1,7 +1,7 @@
 //! The values that move: poses, intrinsics, points.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use volery_geometry::Camera;
+use nalgebra::{Isometry3, Point3, Vector6};
+use volery_geometry::{Camera, perturbed};
 
 use super::BundleProblem;
 use super::layout::{LANES, Layout, NONE};
@@ -83,8 +83,8 @@ impl State {
                 continue;
             }
             let offset = layout.block_offsets[block as usize];
-            let xi = &step[offset..offset + 6];
-            let pose = exp_times(xi, &from.cam_from_world[index]);
+            let xi = Vector6::from_column_slice(&step[offset..offset + 6]);
+            let pose = perturbed(&from.cam_from_world[index], &xi);
             self.cam_from_world[index] = pose;
             self.poses[index] = PoseRows::new(&pose, from.poses[index].camera);
         }
@@ -120,13 +120,4 @@ impl State {
             problem.points[id as usize] = Point3::from(*point);
         }
     }
-}
-
-/// The left perturbation `x ↦ Exp(ω) (R x + t) + v`, `ξ = (ω, v)`.
-fn exp_times(xi: &[f64], cam_from_world: &Isometry3<f64>) -> Isometry3<f64> {
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(xi[0], xi[1], xi[2]));
-    let v = Vector3::new(xi[3], xi[4], xi[5]);
-    let translation = turn * cam_from_world.translation.vector + v;
-    let rotation = UnitQuaternion::new_normalize((turn * cam_from_world.rotation).into_inner());
-    Isometry3::from_parts(Translation3::from(translation), rotation)
 }

@@ -1,34 +1,13 @@
 //! A ring of cameras that look at a cloud of points from everywhere.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use volery_geometry::{Camera, CameraModel, similarity_from_points, triangulation::camera_center};
+use volery_geometry::{
+    Camera, CameraModel, Rng, similarity_from_points, triangulation::camera_center,
+};
 
 use crate::bundle_adjustment::{
     BundleCamera, BundleObservation, BundlePose, BundleProblem, IntrinsicsRefinement,
 };
-
-/// Uniform numbers without a dependency (SplitMix64).
-pub(super) struct Random(pub(super) u64);
-
-impl Random {
-    /// In `-1..1`.
-    pub(super) fn symmetric(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    /// About normal, sigma 1.
-    pub(super) fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.symmetric()).sum::<f64>() / 2.0
-    }
-
-    pub(super) fn vector(&mut self) -> Vector3<f64> {
-        Vector3::new(self.normal(), self.normal(), self.normal())
-    }
-}
 
 pub(super) fn camera(model: CameraModel) -> Camera {
     let mut params = vec![500.0, 505.0];
@@ -46,12 +25,12 @@ pub(super) fn ring(
     model: CameraModel,
     refine: IntrinsicsRefinement,
 ) -> BundleProblem {
-    let mut random = Random(7);
+    let mut random = Rng::new(7);
     let camera = camera(model);
     let poses: Vec<BundlePose> = (0..num_poses)
         .map(|index| {
             let angle = index as f64 / num_poses as f64 * std::f64::consts::TAU;
-            let height = 0.7 * (2.0 * angle).sin() + 0.3 * random.symmetric();
+            let height = 0.7 * (2.0 * angle).sin() + 0.3 * random.range(-1.0, 1.0);
             let center = Point3::new(6.0 * angle.cos(), 6.0 * angle.sin(), height);
             let world_from_cam = UnitQuaternion::face_towards(&-center.coords, &-Vector3::z());
             BundlePose {
@@ -65,7 +44,13 @@ pub(super) fn ring(
         })
         .collect();
     let points: Vec<_> = (0..num_points)
-        .map(|_| 1.5 * Point3::new(random.symmetric(), random.symmetric(), random.symmetric()))
+        .map(|_| {
+            1.5 * Point3::new(
+                random.range(-1.0, 1.0),
+                random.range(-1.0, 1.0),
+                random.range(-1.0, 1.0),
+            )
+        })
         .collect();
     let mut observations = Vec::new();
     for (pose, p) in poses.iter().enumerate() {
@@ -85,14 +70,14 @@ pub(super) fn ring(
 
 /// Moves all that is free: rotations and centers by about `pose_sigma`, points by `point_sigma`.
 pub(super) fn perturb(problem: &mut BundleProblem, pose_sigma: f64, point_sigma: f64) {
-    let mut random = Random(11);
+    let mut random = Rng::new(11);
     for pose in problem.poses.iter_mut().filter(|pose| !pose.constant) {
-        let turn = UnitQuaternion::from_scaled_axis(random.vector() * pose_sigma);
-        let shift = Translation3::from(random.vector() * pose_sigma);
+        let turn = UnitQuaternion::from_scaled_axis(random.normal3() * pose_sigma);
+        let shift = Translation3::from(random.normal3() * pose_sigma);
         pose.cam_from_world = Isometry3::from_parts(shift, turn) * pose.cam_from_world;
     }
     for index in 0..problem.points.len() {
-        let step = random.vector() * point_sigma;
+        let step = random.normal3() * point_sigma;
         if !problem.is_constant_point(index as u32) {
             problem.points[index] += step;
         }
@@ -101,9 +86,9 @@ pub(super) fn perturb(problem: &mut BundleProblem, pose_sigma: f64, point_sigma:
 
 /// Gaussian pixel noise.
 pub(super) fn add_noise(problem: &mut BundleProblem, sigma_px: f64) {
-    let mut random = Random(13);
+    let mut random = Rng::new(13);
     for observation in &mut problem.observations {
-        let noise = random.vector();
+        let noise = random.normal3();
         observation.pixel += noise.xy() * sigma_px;
     }
 }

@@ -1,9 +1,9 @@
 //! Recovery of the truth, robustness, determinism.
 
-use volery_geometry::CameraModel;
+use volery_geometry::{CameraModel, Rng};
 use volery_scene::NoProgress;
 
-use super::ring::{Random, add_noise, perturb, pose_errors, ring, rms};
+use super::ring::{add_noise, perturb, pose_errors, ring, rms};
 use crate::bundle_adjustment::{
     BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, Isa, Minimizer, adjust_bundle,
 };
@@ -126,9 +126,9 @@ fn outliers_are_resisted() {
     let truth = ring(12, 150, CameraModel::Pinhole, IntrinsicsRefinement::FIXED);
     let mut problem = truth.clone();
     add_noise(&mut problem, 0.5);
-    let mut random = Random(17);
+    let mut random = Rng::new(17);
     for observation in problem.observations.iter_mut().step_by(7) {
-        observation.pixel += random.vector().xy() * 60.0;
+        observation.pixel += random.normal3().xy() * 60.0;
     }
     perturb(&mut problem, 0.005, 0.01);
     let mut plain = problem.clone();
