@@ -65,7 +65,7 @@ pub enum AbsolutePoseError {
 /// A pose with its support.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AbsolutePose {
-    /// The pose.
+    /// Camera axes x right, y down, z forward.
     pub cam_from_world: Isometry3<f64>,
     /// Per correspondence.
     pub inliers: Vec<bool>,
@@ -82,8 +82,14 @@ pub struct AbsolutePose {
 
 /// Pose of a camera by P3P in LO-RANSAC with a robust nonlinear refinement over all inliers.
 ///
-/// * `pixels[i]` (distorted, as detected) sees `points[i]` (world).
+/// * `pixels[i]` (distorted, as detected) sees `points[i]` (world); correspondences past the shorter
+///   list are ignored.
 /// * Deterministic for equal arguments.
+///
+/// # Errors
+///
+/// [`AbsolutePoseError`] for fewer than four correspondences, for values that are not finite, and
+/// where no pose has the support that `options` demand.
 pub fn estimate_absolute_pose(
     pixels: &[Point2<f64>],
     points: &[Point3<f64>],

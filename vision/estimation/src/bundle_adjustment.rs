@@ -57,7 +57,7 @@ pub struct BundleCamera {
 /// A pose of a problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BundlePose {
-    /// In and out.
+    /// Camera axes x right, y down, z forward; in and out.
     pub cam_from_world: Isometry3<f64>,
     /// Index of its camera.
     pub camera: u32,
@@ -85,7 +85,7 @@ pub struct BundleObservation {
 pub struct BundleProblem {
     /// Intrinsics.
     pub cameras: Vec<BundleCamera>,
-    /// Poses.
+    /// Poses, in and out.
     pub poses: Vec<BundlePose>,
     /// Points, in and out.
     pub points: Vec<Point3<f64>>,
@@ -157,6 +157,11 @@ pub enum BundleError {
 /// Minimizes the robust reprojection error (P31, P32, Eq. (5)) plus priors over all that is not
 /// constant, in place, by Levenberg–Marquardt with the Schur complement on the points. The gauge
 /// need not be fixed: damping holds it. Deterministic for any number of threads.
+///
+/// # Errors
+///
+/// [`BundleError`] for a problem that cannot be minimized, which stays as it was, and when
+/// `progress` asks to stop: the problem then holds the last accepted step.
 pub fn adjust_bundle(
     problem: &mut BundleProblem,
     options: &BundleOptions,
@@ -167,6 +172,10 @@ pub fn adjust_bundle(
 
 /// [`adjust_bundle`] with rotations that were estimated before: each pose is drawn towards the
 /// rotation it comes with, `rotation_sigma` radians.
+///
+/// # Errors
+///
+/// As [`adjust_bundle`]; [`BundleError::NotFinite`] also for a sigma that is not positive.
 pub fn adjust_bundle_near_rotations(
     problem: &mut BundleProblem,
     options: &BundleOptions,

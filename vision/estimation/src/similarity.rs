@@ -58,7 +58,14 @@ pub struct EstimatedSimilarity {
 
 /// Similarity that maps `source` onto `target` by three-point samples in LO-RANSAC.
 ///
-/// * Pairs past the shorter list are ignored. Deterministic for equal arguments.
+/// * `source[i]` and `target[i]` are the same point, each in its own frame; pairs past the shorter
+///   list are ignored.
+/// * Deterministic for equal arguments.
+///
+/// # Errors
+///
+/// [`SimilarityError`] for fewer than three pairs, for values that are not finite, for points on a
+/// line, and where no similarity has the support that `options` demand.
 pub fn estimate_similarity(
     source: &[Point3<f64>],
     target: &[Point3<f64>],

@@ -61,6 +61,11 @@ struct CameraFile {
 /// 0.5 is added to `cx, cy`. Without one, (0.5, 0.5) holds already. `"pixel_center": 0` or `0.5`
 /// says it outright. `OPENCV_RADTAN` becomes `OPENCV`, or `FULL_OPENCV` with `k3`; a distortion
 /// of zeros becomes `PINHOLE`.
+///
+/// # Errors
+///
+/// [`CameraFileError`] for what is not such a file, for an unknown model or coefficient, and for
+/// numbers that make no camera.
 pub fn read_camera_json(bytes: &[u8]) -> Result<Camera, CameraFileError> {
     let file: CameraFile =
         serde_json::from_slice(bytes).map_err(|error| CameraFileError::Json(error.to_string()))?;

@@ -57,6 +57,10 @@ pub fn write_features(features: &Features) -> Vec<u8> {
 }
 
 /// The inverse of [`write_features`].
+///
+/// # Errors
+///
+/// [`FeaturesFileError`] for bytes of another kind or version, cut off or inconsistent.
 pub fn read_features(bytes: &[u8]) -> Result<Features, FeaturesFileError> {
     let mut reader = open(bytes, FEATURES_KIND)?;
     let num_features = reader.count(KEYPOINT_BYTES + DESCRIPTOR_LEN)?;
@@ -113,6 +117,10 @@ pub fn write_two_view_geometries(pairs: &[TwoViewGeometry]) -> Vec<u8> {
 
 /// The inverse of [`write_two_view_geometries`]. Feature indices are not checked here: the
 /// features are not at hand.
+///
+/// # Errors
+///
+/// [`FeaturesFileError`] for bytes of another kind or version, cut off or inconsistent.
 pub fn read_two_view_geometries(bytes: &[u8]) -> Result<Vec<TwoViewGeometry>, FeaturesFileError> {
     let mut reader = open(bytes, PAIRS_KIND)?;
     let num_pairs = reader.count(MIN_PAIR_BYTES)?;

@@ -63,6 +63,10 @@ pub fn write_ply_of_model(model: &SparseModel) -> Vec<u8> {
 
 /// Reads the vertices of an ASCII or binary PLY of any byte order. Other properties of a vertex
 /// are skipped; elements after the vertices are not looked at.
+///
+/// # Errors
+///
+/// [`PlyError`] for a broken header, missing bytes, and coordinates that are not finite.
 pub fn read_ply(bytes: &[u8]) -> Result<PlyCloud, PlyError> {
     let (layout, data) = read_header(bytes)?;
     match layout.encoding {

@@ -15,6 +15,10 @@ pub struct NamedPose {
 }
 
 /// Reads poses. Quaternions are normalized; one far from unit length is refused.
+///
+/// # Errors
+///
+/// [`TableError`] with the line of the first field, column or name that is wrong.
 pub fn read_poses_csv(bytes: &[u8]) -> Result<Vec<NamedPose>, TableError> {
     let table = Table::parse(bytes)?;
     let images = table.image_names()?;

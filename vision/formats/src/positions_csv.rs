@@ -17,6 +17,10 @@ pub struct NamedPosition {
 
 /// Reads `image,x,y,z[,sigma]` or the columns `tx,ty,tz` of `poses.csv` (rotations are ignored).
 /// `default_sigma` (meters) holds where no sigma is given.
+///
+/// # Errors
+///
+/// [`TableError`] with the line of the first field, column or name that is wrong.
 pub fn read_positions_csv(
     bytes: &[u8],
     default_sigma: f64,

@@ -35,6 +35,10 @@ impl Default for TelemetrySigmas {
 /// Reads `image` and any of `time_s, yaw_deg, pitch_deg, roll_deg, height_m`, found by the names
 /// in the header line; empty fields and missing columns are `None`. An attitude needs all three
 /// angles. Other columns are ignored.
+///
+/// # Errors
+///
+/// [`TableError`] with the line of the first field, column or name that is wrong.
 pub fn read_telemetry_csv(
     bytes: &[u8],
     sigmas: &TelemetrySigmas,

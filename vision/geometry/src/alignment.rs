@@ -35,8 +35,8 @@ pub enum AlignError {
 ///
 /// # Errors
 ///
-/// [`AlignError::Collinear`] if the points leave the rotation undetermined. Outliers are not
-/// rejected here: call it from RANSAC.
+/// [`AlignError::TooFewPoints`], [`AlignError::NotFinite`], and [`AlignError::Collinear`] if the
+/// points leave the rotation undetermined. Outliers are not rejected here: call it from RANSAC.
 ///
 /// # Source
 ///

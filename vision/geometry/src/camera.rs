@@ -101,6 +101,10 @@ impl Camera {
 
     /// A camera of `model` with focal length `focal_px`, the principal point in the image center
     /// and no distortion (P21).
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
     pub fn from_focal(
         model: CameraModel,
         width: u32,
@@ -185,7 +189,7 @@ impl Camera {
         self.principal_point() + uv.component_mul(&self.focal())
     }
 
-    /// [`Self::project`] with derivatives.
+    /// [`Self::project`] with derivatives; `None` where that has no pixel.
     pub fn project_with_jacobians(&self, point_in_cam: &Point3<f64>) -> Option<Projection> {
         if point_in_cam.z <= f64::EPSILON {
             return None;

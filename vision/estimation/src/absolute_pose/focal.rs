@@ -24,6 +24,10 @@ const MIN_SIGMA_PX: f64 = 0.1;
 ///   that focal length.
 /// * Points on a plane parallel to the image leave focal length and distance undetermined; the
 ///   answer is then one of many.
+///
+/// # Errors
+///
+/// As [`estimate_absolute_pose`].
 pub fn estimate_absolute_pose_and_focal(
     pixels: &[Point2<f64>],
     points: &[Point3<f64>],

@@ -64,6 +64,10 @@ pub fn write_colmap_binary(model: &SparseModel) -> ColmapFiles {
 }
 
 /// Reads the binary form.
+///
+/// # Errors
+///
+/// [`ColmapError`] for files that are cut off, senseless, or contradict each other.
 pub fn read_colmap_binary(files: &ColmapFiles) -> Result<SparseModel, ColmapError> {
     let mut builder = Builder::default();
     read_records(ColmapFile::Cameras, &files.cameras, MIN_CAMERA_BYTES, |place, reader| {

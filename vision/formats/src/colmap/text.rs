@@ -88,6 +88,10 @@ fn points_text(model: &SparseModel) -> String {
 }
 
 /// Reads the text form.
+///
+/// # Errors
+///
+/// [`ColmapError`] for files that are cut off, senseless, or contradict each other.
 pub fn read_colmap_text(files: &ColmapFiles) -> Result<SparseModel, ColmapError> {
     let mut builder = Builder::default();
     for (place, line) in records(ColmapFile::Cameras, &files.cameras)? {

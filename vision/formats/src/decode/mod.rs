@@ -157,6 +157,10 @@ impl DecodeError {
 
 /// Decodes a JPEG or PNG, turns it upright by its EXIF orientation (once, here), and takes no
 /// memory before the header has passed `limits`.
+///
+/// # Errors
+///
+/// [`DecodeError`] for bytes that are no whole JPEG or PNG, or exceed a limit.
 pub fn decode_image(bytes: &[u8], limits: &DecodeLimits) -> Result<DecodedImage, DecodeError> {
     check_limit("file size in bytes", bytes.len() as u64, limits.max_file_bytes as u64)?;
     let header = sniff(bytes)?;
