@@ -13,13 +13,17 @@ pub(crate) struct Support {
     pub(crate) min_inliers: usize,
     /// Inliers among the visible points.
     pub(crate) min_ratio: f64,
+    /// The same where the verified pairs endorse the pose.
+    pub(crate) min_endorsed_ratio: f64,
 }
 
 impl Support {
     /// For the first attempts.
-    pub(crate) const STRICT: Self = Self { min_inliers: 30, min_ratio: 0.35 };
+    pub(crate) const STRICT: Self =
+        Self { min_inliers: 30, min_ratio: 0.35, min_endorsed_ratio: 0.35 };
     /// When nothing else joins any more.
-    pub(crate) const RELAXED: Self = Self { min_inliers: 15, min_ratio: 0.25 };
+    pub(crate) const RELAXED: Self =
+        Self { min_inliers: 15, min_ratio: 0.25, min_endorsed_ratio: 0.15 };
 }
 
 /// Inlier threshold of resection, pixels of an image 1000 wide; wider than that of the points
@@ -29,9 +33,13 @@ const MAX_ERROR_PX: f64 = 8.0;
 const MAX_SAMPSON_PX: f64 = 12.0;
 /// Inliers from which a pair's word counts.
 const MIN_WITNESS_INLIERS: usize = 25;
+/// Part of the verified matches that must obey a pose to endorse it, and their least number.
+const MIN_ENDORSEMENT: f64 = 0.75;
+const MIN_ENDORSING_MATCHES: usize = 100;
 
 impl WorkingModel<'_> {
-    /// Pose of `image` from the points its tracks see, checked against its verified pairs. `None` if the support is too small or the pairs contradict.
+    /// Pose of `image` from the points its tracks see, checked against its verified pairs. `None`
+    /// if the support is too small or the pairs contradict.
     pub(crate) fn resect(&self, image: usize, support: Support) -> Option<Isometry3<f64>> {
         let mut pixels: Vec<Point2<f64>> = Vec::new();
         let mut points: Vec<Point3<f64>> = Vec::new();
@@ -51,14 +59,20 @@ impl WorkingModel<'_> {
         };
         let seed = self.input.options.seed ^ (image as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let pose = estimate_absolute_pose(&pixels, &points, camera, &options, seed).ok()?;
-        let enough = (pose.num_inliers as f64) >= support.min_ratio * pixels.len() as f64;
-        (enough && !self.is_contradicted(image, &pose.cam_from_world))
-            .then_some(pose.cam_from_world)
+        let ratio = pose.num_inliers as f64 / pixels.len() as f64;
+        let (agree, disagree) = self.testimony(image, &pose.cam_from_world);
+        // A crowd of wrong points outvotes right ones, but not the verified pairs as well.
+        let is_endorsed = pose.num_inliers >= Support::STRICT.min_inliers
+            && ratio >= support.min_endorsed_ratio
+            && agree as f64 >= MIN_ENDORSEMENT * (agree + disagree) as f64
+            && agree >= MIN_ENDORSING_MATCHES;
+        let is_supported = ratio >= support.min_ratio && agree >= disagree;
+        (is_supported || is_endorsed).then_some(pose.cam_from_world)
     }
 
-    /// Whether most verified matches of `image` with posed images violate the epipolar geometry
-    /// of the poses.
-    pub(crate) fn is_contradicted(&self, image: usize, cam_from_world: &Isometry3<f64>) -> bool {
+    /// How many verified matches of `image` with posed images obey the epipolar geometry of the
+    /// poses, and how many violate it.
+    fn testimony(&self, image: usize, cam_from_world: &Isometry3<f64>) -> (usize, usize) {
         let (mut agree, mut disagree) = (0usize, 0usize);
         for pair in self.input.pairs {
             let (i, j) = (pair.image1.0 as usize, pair.image2.0 as usize);
@@ -85,6 +99,6 @@ impl WorkingModel<'_> {
                 }
             }
         }
-        disagree > agree
+        (agree, disagree)
     }
 }
