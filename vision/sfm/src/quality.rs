@@ -16,7 +16,7 @@ use volery_scene::{
 
 use crate::SfmCamera;
 use crate::incremental::{FOV_RANGE_DEG, MAX_DISTORTION};
-use ties::{MIN_PART_IMAGES, MIN_TIE_POINTS, weakest_tie};
+use ties::{MIN_PART_IMAGES, MIN_SCALE_POINTS, MIN_TIE_POINTS, weakest_scale_tie, weakest_tie};
 
 /// Inliers from which a pair's word counts.
 const MIN_WITNESS_INLIERS: usize = 25;
@@ -62,6 +62,9 @@ pub struct Evidence {
     pub worst_cut: Option<(ImageId, f64)>,
     /// Fewest points that two parts of the map share, with the size of the smaller part.
     pub weakest_tie: Option<(usize, usize)>,
+    /// The same, counting only points in three or more images: those that tie the scales of the
+    /// parts.
+    pub weakest_scale_tie: Option<(usize, usize)>,
     /// Images in verified pairs.
     pub num_paired: usize,
     /// Relative standard deviation of guessed focal lengths that were refined, by camera; from
@@ -107,6 +110,7 @@ impl Evidence {
             worst,
             worst_cut: worst_cut(&cuts),
             weakest_tie: weakest_tie(model),
+            weakest_scale_tie: weakest_scale_tie(model),
             num_paired: paired.len(),
             focal_sigmas: Vec::new(),
         }
@@ -184,6 +188,17 @@ impl Evidence {
                 format!(
                     "a part of {part} images shares only {points} points with the rest: its place and \
                      scale are uncertain; take images that show both parts"
+                ),
+            );
+        } else if let Some((points, part)) = self.weakest_scale_tie
+            && points < MIN_SCALE_POINTS
+        {
+            add(
+                "weakly_tied",
+                format!(
+                    "only {points} points in three or more images tie the scale of a part of {part} \
+                     images to the rest: turn in smaller steps, so that three images in a row see \
+                     the same places"
                 ),
             );
         }

@@ -15,7 +15,8 @@ use volery_sfm::{
     MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
 };
 use volery_synthetic::{
-    CenterMotion, PointOptions, PointScene, Room, along_wall, cam_from_heading, ring,
+    CenterMotion, PointOptions, PointScene, Room, along_wall, cam_from_heading, circle,
+    paper_camera, ring,
 };
 
 fn camera() -> Camera {
@@ -311,6 +312,24 @@ fn a_thread_between_parts_is_named() {
     let quality = evidence.verdict(&model, &[fixed(camera())]);
     assert_eq!(quality.verdict, Verdict::Suspect);
     assert_eq!(quality.reasons[0].code, "weakly_tied");
+}
+
+/// Steps so wide that hardly a point is in three images leave the scale to drift along the chain,
+/// with small residuals everywhere (P34).
+#[test]
+fn a_chain_without_common_scale_is_not_called_good() {
+    let room = Room::standard();
+    for (num_views, is_tied) in [(12, false), (24, true)] {
+        for seed in 0..3 {
+            let poses = circle(&Point3::new(0.3, -0.2, 1.5), 0.5, num_views, seed);
+            let scene =
+                PointScene::observe(&room, &paper_camera(), poses, &PointOptions::default(), seed);
+            let found = map(&scene, fixed(scene.camera));
+            let codes: Vec<_> = found.quality.reasons.iter().map(|r| r.code.as_str()).collect();
+            assert_eq!(codes.contains(&"weakly_tied"), !is_tied, "{num_views}, {seed}: {codes:?}");
+            assert_eq!(found.quality.verdict == Verdict::Good, is_tied, "{num_views}, {seed}");
+        }
+    }
 }
 
 /// A lens no one builds is named.

@@ -8,10 +8,25 @@ use volery_scene::{ImageId, SparseModel};
 pub(super) const MIN_TIE_POINTS: usize = 40;
 /// Images on the smaller side of a cut that is worth a warning.
 pub(super) const MIN_PART_IMAGES: usize = 3;
-/// Fewest points shared across any cut of a maximum spanning tree over the images (edges weigh
-/// shared points) that leaves at least [`MIN_PART_IMAGES`] on either side, with the number of
-/// images on the smaller side.
+/// Points in three or more images across a cut that tie the scales of two parts together. A point
+/// in two images, one on either side, says in which direction the parts lie and not how far.
+pub(super) const MIN_SCALE_POINTS: usize = 12;
+
+/// Fewest points shared across any weak cut of the map, with the number of images on the smaller
+/// side.
 pub(super) fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
+    weakest_cut(model, 2, MIN_TIE_POINTS)
+}
+
+/// The same of points in three or more images. Two images have no scales to tie.
+pub(super) fn weakest_scale_tie(model: &SparseModel) -> Option<(usize, usize)> {
+    weakest_cut(model, 3, MIN_SCALE_POINTS)
+}
+
+/// Fewest points in `min_views` or more images across any cut of a maximum spanning tree over the
+/// images (edges weigh shared points) at an edge of less than `limit` that leaves at least
+/// [`MIN_PART_IMAGES`] on either side, with the number of images on the smaller side.
+fn weakest_cut(model: &SparseModel, min_views: usize, limit: usize) -> Option<(usize, usize)> {
     let ids: Vec<ImageId> = model.images.keys().copied().collect();
     let index_of: BTreeMap<ImageId, usize> =
         ids.iter().enumerate().map(|(index, &id)| (id, index)).collect();
@@ -24,7 +39,8 @@ pub(super) fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
     for images in &seen_by {
         for (position, &a) in images.iter().enumerate() {
             for &b in &images[..position] {
-                *shared.entry((a.min(b), a.max(b))).or_default() += 1;
+                *shared.entry((a.min(b), a.max(b))).or_default() +=
+                    usize::from(images.len() >= min_views);
             }
         }
     }
@@ -43,7 +59,7 @@ pub(super) fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
     }
     // Only weak edges of the tree can be part of a weak cut.
     let mut weakest: Option<(usize, usize)> = None;
-    for cut in (0..tree.len()).filter(|&t| tree[t].0 < MIN_TIE_POINTS) {
+    for cut in (0..tree.len()).filter(|&t| tree[t].0 < limit) {
         let side = side_of(&tree, cut, ids.len());
         let size = side.iter().filter(|&&inside| inside).count();
         let smaller = size.min(ids.len() - size);
@@ -52,6 +68,7 @@ pub(super) fn weakest_tie(model: &SparseModel) -> Option<(usize, usize)> {
         }
         let across = seen_by
             .iter()
+            .filter(|images| images.len() >= min_views)
             .filter(|images| images.iter().any(|&i| side[i]) && images.iter().any(|&i| !side[i]))
             .count();
         if weakest.is_none_or(|(least, _)| across < least) {
