@@ -25,10 +25,12 @@ pub struct PointOptions {
 }
 
 impl Default for PointOptions {
-    /// The measured conditions of a yaw scan.
+    /// The measured conditions of a yaw scan. The density gives about a thousand keypoints a
+    /// view, as SIFT finds in a furnished room; at it COLMAP's published millimeter on a circle
+    /// of 0.3 m is what the data allow.
     fn default() -> Self {
         Self {
-            num_points: 4000,
+            num_points: 12_000,
             noise_px: 0.7,
             wrong_fraction: 0.15,
             detection: 0.9,
