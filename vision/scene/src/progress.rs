@@ -22,14 +22,8 @@ pub enum Stage {
 
 impl Stage {
     /// Every stage in order.
-    pub const ALL: [Self; 6] = [
-        Self::Features,
-        Self::Pairs,
-        Self::Matching,
-        Self::Mapping,
-        Self::Align,
-        Self::Export,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::Features, Self::Pairs, Self::Matching, Self::Mapping, Self::Align, Self::Export];
 
     /// Its name in the API.
     pub fn name(self) -> &'static str {
