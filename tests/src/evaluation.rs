@@ -118,11 +118,8 @@ fn similarity_from_orientations(
     let matrix = u * Matrix3::from_diagonal(&s) * v_t;
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
     let n = common.len() as f64;
-    let mean = |pick: &dyn Fn(&(Isometry3<f64>, Isometry3<f64>)) -> Vector3<f64>| {
-        common.iter().map(pick).sum::<Vector3<f64>>() / n
-    };
-    let mean_e = mean(&|(e, _)| e.translation.vector);
-    let mean_t = mean(&|(_, t)| t.translation.vector);
+    let mean_e = common.iter().map(|(e, _)| e.translation.vector).sum::<Vector3<f64>>() / n;
+    let mean_t = common.iter().map(|(_, t)| t.translation.vector).sum::<Vector3<f64>>() / n;
     let (mut dot, mut square) = (0.0, 0.0);
     for (e, t) in common {
         let turned = rotation * (e.translation.vector - mean_e);

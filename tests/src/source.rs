@@ -114,7 +114,7 @@ pub fn has_token(code: &str, token: &str) -> bool {
         let after = code[start + token.len()..].chars().next().unwrap_or(' ');
         let opens = token.chars().next().is_some_and(is_word);
         let closes = token.chars().next_back().is_some_and(is_word);
-        !(opens && is_word(before)) && !(closes && is_word(after))
+        !(opens && is_word(before) || closes && is_word(after))
     })
 }
 
