@@ -9,9 +9,9 @@
 //!   not computed again. A job that fails says so in its last line ([`JobLine::Result`]) and ends
 //!   with exit code 0; any other end counts as a crash and is tried again. SIGTERM asks the child
 //!   to stop at the next unit of work; what it has finished stays in the folder.
-//! * Every child dies with the service: it sets its parent death signal to SIGKILL at start, and
-//!   leaves at once when its parent is not the process named by [`PARENT_VARIABLE`] or when its
-//!   standard input ends.
+//! * Every child dies with the service: it leaves at once when its parent is not the process named
+//!   by [`PARENT_VARIABLE`] or when its standard input ends. (A parent death signal would follow
+//!   the thread that spawned the child, not the process.)
 //! * `<program> run-decoder` and `<program> run-localizer` answer [`WorkerRequest`]s until their
 //!   standard input ends. A message is, both ways, `u32` little-endian length of the header, the
 //!   header in JSON, `u32` length of the payload, the payload. Every answer's header carries `ok`;

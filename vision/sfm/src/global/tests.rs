@@ -132,25 +132,3 @@ fn yaw_scans_are_mapped() {
 fn perfect_spin_gives_no_map() {
     assert_eq!(scan(CenterMotion::Spin, 0).map(), None);
 }
-
-/// The table of ten seeds: `cargo test --release -p volery-sfm ten_seeds -- --ignored --nocapture`
-#[test]
-#[ignore = "a table, not a check"]
-fn ten_seeds() {
-    for (name, motion, _) in CASES {
-        let (mut worst_ate, mut worst_angle, mut complete) = (0.0_f64, 0.0_f64, 0);
-        for seed in 0..10 {
-            let scan = scan(motion, seed);
-            let Some(model) = scan.map() else { continue };
-            let (ate, angle) = scan.errors(&model);
-            complete += usize::from(model.images.len() == 36);
-            (worst_ate, worst_angle) = (worst_ate.max(ate), worst_angle.max(angle));
-        }
-        println!(
-            "{name}: {complete}/10 complete, worst ATE {:.2} cm, worst median {worst_angle:.3} deg",
-            100.0 * worst_ate
-        );
-    }
-    let num_maps = (0..10).filter(|&seed| scan(CenterMotion::Spin, seed).map().is_some()).count();
-    println!("perfect spin: {num_maps}/10 made up");
-}
