@@ -9,7 +9,7 @@ mod resection;
 pub(crate) mod working;
 
 use volery_estimation::BundleOptions;
-use volery_geometry::Camera;
+use volery_geometry::{Camera, median};
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
@@ -49,6 +49,11 @@ const LOCAL: BundleOptions =
     BundleOptions { max_iterations: 12, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
 const GLOBAL: BundleOptions =
     BundleOptions { max_iterations: 15, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
+/// Losses of the last adjustments, in scales of the noise: at once, an image may fall into a wrong
+/// minimum.
+const NARROWING: [f64; 2] = [2.0, 1.0];
+/// Bounds of that scale.
+const NOISE_SCALE_RANGE_PX: (f64, f64) = (0.1, 1.0);
 const FINAL: BundleOptions =
     BundleOptions { max_iterations: 40, loss_scale_px: Some(1.0), cost_tolerance: 1e-6 };
 
@@ -229,10 +234,27 @@ impl WorkingModel<'_> {
                 break;
             }
         }
-        self.adjust_all(&FINAL, progress)?;
+        let noise_px = self.noise_scale_px();
+        for scale in NARROWING {
+            let loss_scale_px = Some((scale * noise_px).min(1.0));
+            self.adjust_all(&BundleOptions { loss_scale_px, ..FINAL }, progress)?;
+        }
         self.filter_points();
         self.drop_weak_images();
         Ok(())
+    }
+
+    /// Scale of the Cauchy distribution that the errors follow: their median. A loss much wider
+    /// than the noise lets every slightly wrong match pull at the poses.
+    fn noise_scale_px(&self) -> f64 {
+        let errors = self.tracks.iter().filter_map(|track| Some((track, track.position?)));
+        let errors = errors.flat_map(|(track, point)| {
+            let active = track.sightings.iter().filter(|sighting| sighting.active);
+            active.map(move |sighting| self.reprojection_error(sighting, &point))
+        });
+        let (finest, coarsest) = NOISE_SCALE_RANGE_PX;
+        let median = median(&mut errors.collect::<Vec<f64>>());
+        median.map_or(coarsest, |median| median.clamp(finest, coarsest))
     }
 
     /// Images with hardly a point left lose their pose.
