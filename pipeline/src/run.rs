@@ -257,6 +257,9 @@ pub(crate) fn advice_for(code: &str) -> &'static str {
             "take more photos between those that do not connect; turn by at most 15 degrees"
         }
         "weakly_tied" => "take a few photos between the parts that hardly overlap",
+        "drift" => {
+            "let the flight come back to places it has seen, or give more photos that show the same"
+        }
         "absurd_intrinsics" => "give the camera's calibration with --camera",
         _ => "take sharper photos with more overlap, moving sideways between them",
     }

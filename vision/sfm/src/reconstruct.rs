@@ -254,7 +254,7 @@ fn attempt(
                     evidence.focal_sigmas.push((id, sigma));
                 }
             }
-            (evidence.verdict(model, cameras), evidence.contradiction)
+            (evidence.verdict(model, cameras), evidence.witnesses.contradiction)
         }
         None => (Quality { verdict: Verdict::Failed, reasons: Vec::new() }, 0.0),
     };

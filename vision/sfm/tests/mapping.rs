@@ -7,10 +7,11 @@ use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::{Camera, CameraModel};
 use volery_scene::{
-    CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry, UnplacedReason,
-    Verdict,
+    CameraId, ImageId, ImagePrior, NoProgress, Point3d, PointId, SparseModel, TwoViewGeometry,
+    UnplacedReason, Verdict,
 };
 use volery_sfm::quality::Evidence;
+use volery_sfm::quality::drift::Drift;
 use volery_sfm::{
     MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
 };
@@ -375,4 +376,55 @@ fn nonsense_is_refused() {
     assert_eq!(found.models[0].images.len(), 6);
     let (position, _) = pose_errors(&found.models[0], &scene);
     assert!(position < 0.02);
+}
+
+/// Keypoints with plain noise: the map is as far off as its drift allows. An order of magnitude
+/// too wide would be no statement either.
+#[test]
+fn drift_bounds_the_errors() {
+    let scenes = [
+        ring(&Point3::new(0.0, 0.0, 1.5), 1.6, 16, 20),
+        along_wall(&Point3::new(-2.0, -2.0, 1.5), 0.0, 0.3, 14, 21),
+        circle(&Point3::new(0.3, -0.2, 1.5), 0.5, 24, 22),
+    ];
+    for (seed, poses) in scenes.into_iter().enumerate() {
+        let scene =
+            PointScene::observe(&Room::standard(), &camera(), poses, &options(), seed as u64);
+        let found = map(&scene, fixed(camera()));
+        let model = &found.models[0];
+        let drift = Drift::of(model);
+        let (position, rotation) = pose_errors(model, &scene);
+        // The room is 2 to 4 m deep as seen from within.
+        let (most, least) = (4.0 * drift.position, 2.0 * drift.position);
+        assert!(position < most && position > 0.05 * least, "{seed}: {position}, {drift:?}");
+        assert!(rotation.to_radians() < drift.rotation, "{seed}: {rotation} degrees, {drift:?}");
+    }
+}
+
+/// The same images tied only to their neighbors, and to all others: a chain drifts, and says so.
+#[test]
+fn a_chain_drifts_more_than_a_net() {
+    let poses = ring(&Point3::new(0.0, 0.0, 1.5), 1.6, 40, 23);
+    let scene = PointScene::observe(&Room::standard(), &camera(), poses, &options(), 23);
+    let net = map(&scene, fixed(camera()));
+    let mut model = net.models[0].clone();
+    let net = Drift::of(&model);
+    // Every point is taken apart into points of three images in a row.
+    let points = std::mem::take(&mut model.points);
+    for image in model.images.values_mut() {
+        image.points.fill(None);
+    }
+    for point in points.into_values() {
+        for track in point.track.chunks(3).filter(|track| track.len() > 1) {
+            let id = PointId(model.points.len() as u64);
+            model.points.insert(id, Point3d { track: track.to_vec(), ..point.clone() });
+        }
+    }
+    let chain = Drift::of(&model);
+    assert!(chain.position > net.position, "{chain:?} against {net:?}");
+    assert_eq!(chain, Drift::of(&model), "a verdict is a function of its model");
+
+    // Nothing holds two images without points.
+    model.points.clear();
+    assert!(Drift::of(&model).position.is_infinite());
 }

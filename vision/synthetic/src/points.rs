@@ -1,13 +1,13 @@
 //! Scenes of points without images: what feature matching would give, with its errors, and the
 //! truth.
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use volery_geometry::triangulation::camera_center;
 use volery_geometry::{Camera, CameraModel};
 use volery_scene::FeatureMatch;
 
 use crate::flight::{CenterMotion, yaw_scan};
-use crate::{Rng, Room};
+use crate::{Rng, Room, SurfacePoint};
 
 /// How a scene is observed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,6 +22,9 @@ pub struct PointOptions {
     pub detection: f64,
     /// Pairs that share fewer points have no matches; `usize::MAX` for no matches at all.
     pub min_shared: usize,
+    /// Part of the points that look like the one across the room, half a turn about its vertical
+    /// axis away, 0..1: opposite walls that cannot be told apart.
+    pub repeated_fraction: f64,
 }
 
 impl Default for PointOptions {
@@ -35,6 +38,7 @@ impl Default for PointOptions {
             wrong_fraction: 0.15,
             detection: 0.9,
             min_shared: 15,
+            repeated_fraction: 0.0,
         }
     }
 }
@@ -83,8 +87,9 @@ impl PointScene {
         seed: u64,
     ) -> Self {
         let mut rng = Rng::fork(seed, 0);
-        let surface: Vec<_> =
+        let mut surface: Vec<_> =
             (0..options.num_points).map(|_| room.surface_point(&mut rng)).collect();
+        let look_of_point = repeat(room, &mut surface, options.repeated_fraction);
         let (mut keypoints, mut point_of_keypoint) = (Vec::new(), Vec::new());
         for (image, pose) in cam_from_world.iter().enumerate() {
             let mut rng = Rng::fork(seed, 1 + image as u64);
@@ -108,7 +113,10 @@ impl PointScene {
             keypoints.push(pixels);
             point_of_keypoint.push(seen);
         }
-        let matches = all_matches(&point_of_keypoint, options, seed);
+        let looks: Vec<_> =
+            point_of_keypoint.iter().map(|points| looks_of(points, &look_of_point)).collect();
+        let num_keypoints: Vec<usize> = keypoints.iter().map(Vec::len).collect();
+        let matches = all_matches(&looks, &num_keypoints, options, seed);
         let points = surface.into_iter().map(|point| point.position).collect();
         Self { camera: *camera, cam_from_world, points, keypoints, point_of_keypoint, matches }
     }
@@ -130,8 +138,43 @@ impl PointScene {
     }
 }
 
+/// Adds the copies of the first `fraction` of the points that have room for one. Returns what each
+/// point looks like: the index of the point it is a copy of, or its own.
+fn repeat(room: &Room, surface: &mut Vec<SurfacePoint>, fraction: f64) -> Vec<usize> {
+    let num_points = surface.len();
+    let mut looks: Vec<usize> = (0..num_points).collect();
+    for original in 0..(num_points as f64 * fraction).round() as usize {
+        let SurfacePoint { position: p, normal: n } = surface[original];
+        let copy = SurfacePoint {
+            position: Point3::new(-p.x, -p.y, p.z),
+            normal: Vector3::new(-n.x, -n.y, n.z),
+        };
+        // Only the shell of the room has itself on the other side.
+        let is_on_shell = !room.is_free(&p, 1e-6);
+        if is_on_shell && room.is_free(&(copy.position + copy.normal * 1e-3), 0.0) {
+            surface.push(copy);
+            looks.push(original);
+        }
+    }
+    looks
+}
+
+/// Sorted pairs of a look and the keypoint that has it. A look that two keypoints of one image
+/// have fails the ratio test, so it is left out.
+fn looks_of(points: &[usize], look_of_point: &[usize]) -> Vec<(usize, u32)> {
+    let mut looks: Vec<(usize, u32)> =
+        points.iter().zip(0..).map(|(&point, keypoint)| (look_of_point[point], keypoint)).collect();
+    looks.sort_unstable();
+    let is_alone = |i: usize| {
+        let differs = |j: Option<&(usize, u32)>| j.is_none_or(|other| other.0 != looks[i].0);
+        differs(looks.get(i + 1)) && differs(i.checked_sub(1).map(|j| &looks[j]))
+    };
+    (0..looks.len()).filter(|&i| is_alone(i)).map(|i| looks[i]).collect()
+}
+
 fn all_matches(
-    point_of_keypoint: &[Vec<usize>],
+    looks: &[Vec<(usize, u32)>],
+    num_keypoints: &[usize],
     options: &PointOptions,
     seed: u64,
 ) -> Vec<(usize, usize, Vec<FeatureMatch>)> {
@@ -139,15 +182,15 @@ fn all_matches(
     if options.min_shared == usize::MAX {
         return all;
     }
-    let n = point_of_keypoint.len();
+    let n = looks.len();
     for i in 0..n {
         for j in i + 1..n {
-            let mut matches = shared(&point_of_keypoint[i], &point_of_keypoint[j]);
+            let mut matches = shared(&looks[i], &looks[j]);
             if matches.len() < options.min_shared.max(1) {
                 continue;
             }
             let mut rng = Rng::fork(seed ^ 0x6d61_7463, (i * n + j) as u64);
-            spoil(&mut matches, point_of_keypoint[j].len(), options.wrong_fraction, &mut rng);
+            spoil(&mut matches, num_keypoints[j], options.wrong_fraction, &mut rng);
             matches.sort_unstable();
             all.push((i, j, matches));
         }
@@ -155,16 +198,16 @@ fn all_matches(
     all
 }
 
-/// True matches of two ascending lists of points.
-fn shared(points1: &[usize], points2: &[usize]) -> Vec<FeatureMatch> {
+/// Matches of equal looks.
+fn shared(looks1: &[(usize, u32)], looks2: &[(usize, u32)]) -> Vec<FeatureMatch> {
     let (mut a, mut b) = (0, 0);
     let mut matches = Vec::new();
-    while a < points1.len() && b < points2.len() {
-        match points1[a].cmp(&points2[b]) {
+    while a < looks1.len() && b < looks2.len() {
+        match looks1[a].0.cmp(&looks2[b].0) {
             std::cmp::Ordering::Less => a += 1,
             std::cmp::Ordering::Greater => b += 1,
             std::cmp::Ordering::Equal => {
-                matches.push(FeatureMatch { feature1: a as u32, feature2: b as u32 });
+                matches.push(FeatureMatch { feature1: looks1[a].1, feature2: looks2[b].1 });
                 a += 1;
                 b += 1;
             }
@@ -198,6 +241,7 @@ fn spoil(matches: &mut [FeatureMatch], num_features2: usize, fraction: f64, rng:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cam_from_heading;
 
     fn scan() -> PointScene {
         PointScene::yaw_scan(36, 10_f64.to_radians(), CenterMotion::Wobble { sigma: 0.03 }, 5)
@@ -240,6 +284,25 @@ mod tests {
         assert!((fraction - 0.15).abs() < 0.005, "{fraction}");
         // Every image overlaps the six before and after it.
         assert!(scene.matches.len() >= 36 * 5, "{}", scene.matches.len());
+    }
+
+    /// Cameras back to back in the middle of an empty room see copies and nothing in common.
+    #[test]
+    fn opposite_walls_may_look_alike() {
+        let room = Room { size: Vector3::new(6.0, 6.0, 3.0), furniture: Vec::new() };
+        let center = Point3::new(0.0, 0.0, 1.5);
+        let poses = [0.0, std::f64::consts::PI].map(|yaw| cam_from_heading(&center, yaw, 0.0, 0.0));
+        for (repeated_fraction, num_expected) in [(0.0, 0), (1.0, 1)] {
+            let options =
+                PointOptions { num_points: 2000, repeated_fraction, ..Default::default() };
+            let scene = PointScene::observe(&room, &paper_camera(), poses.to_vec(), &options, 1);
+            assert_eq!(scene.matches.len(), num_expected);
+            for (i, j, matches) in &scene.matches {
+                assert!(
+                    matches.len() > 100 && !matches.iter().any(|m| scene.is_true_match(*i, *j, m))
+                );
+            }
+        }
     }
 
     #[test]

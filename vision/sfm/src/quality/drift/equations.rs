@@ -1,0 +1,213 @@
+//! The normal equations of a map, points eliminated.
+
+use std::collections::BTreeMap;
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::linalg::cholesky::{LltRef, SymmetricOrdering, factorize_symbolic_cholesky};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par, Side};
+use nalgebra::{Matrix2x3, Matrix3, Matrix6, Matrix6x3, SMatrix, Vector2, Vector3};
+use volery_geometry::median;
+use volery_scene::{ImageId, Observation, Point3d, SparseModel};
+
+/// Unknowns of a pose: ω and τ of the left perturbation `x ↦ Exp(ω) (R x + t) + τ`.
+pub(super) const POSE_DIM: usize = 6;
+/// Relative damping that holds the gauge, in which nothing pulls.
+const DAMPING: f64 = 1e-10;
+
+/// One observation, linearized.
+struct Sighting {
+    image: usize,
+    depth: f64,
+    residual: Vector2<f64>,
+    /// Of the Cauchy loss with a scale of one pixel, as the mapper's last adjustment has it.
+    weight: f64,
+    j_pose: SMatrix<f64, 2, 6>,
+    j_point: Matrix2x3<f64>,
+}
+
+/// Sightings of a map by point.
+pub(super) struct Equations {
+    num_images: usize,
+    points: Vec<Vec<Sighting>>,
+    /// Standard deviation of a keypoint per axis, from the residuals.
+    pub(super) noise_px: f64,
+    /// Median depth of the sightings.
+    pub(super) depth: f64,
+}
+
+impl Equations {
+    /// `None` if there are not more measurements than unknowns.
+    pub(super) fn new(model: &SparseModel) -> Option<Self> {
+        let index_of: BTreeMap<ImageId, usize> =
+            model.images.keys().enumerate().map(|(index, &id)| (id, index)).collect();
+        let linearized = |point: &Point3d| -> Vec<Sighting> {
+            point.track.iter().filter_map(|o| linearize(model, &index_of, point, o)).collect()
+        };
+        let points: Vec<_> =
+            model.points.values().map(linearized).filter(|list| list.len() >= 2).collect();
+        let (mut num, mut squares, mut weights) = (0, 0.0, 0.0);
+        let mut depths = Vec::new();
+        for s in points.iter().flatten() {
+            num += 1;
+            squares += s.weight * s.residual.norm_squared();
+            weights += s.weight;
+            depths.push(s.depth);
+        }
+        let freedom = 2.0 * f64::from(num)
+            - 3.0 * points.len() as f64
+            - (POSE_DIM * model.images.len()) as f64;
+        if freedom < 1.0 {
+            return None;
+        }
+        Some(Self {
+            num_images: model.images.len(),
+            points,
+            noise_px: (squares / weights * f64::from(num) / freedom).sqrt(),
+            depth: median(&mut depths)?,
+        })
+    }
+
+    /// Moves of the poses for `num_draws` draws of keypoint errors, one column of `POSE_DIM`
+    /// per image after another. `draw` fills in the errors of one track, in the order of the track.
+    pub(super) fn solve(
+        &self,
+        num_draws: usize,
+        mut draw: impl FnMut(&mut [Vector2<f64>]),
+    ) -> Option<Vec<f64>> {
+        let n = POSE_DIM * self.num_images;
+        let mut matrix = ReducedMatrix::new(self.num_images);
+        let mut columns = vec![0.0; n * num_draws];
+        let mut errors = Vec::new();
+        for sightings in &self.points {
+            let v: Matrix3<f64> =
+                sightings.iter().map(|s| s.j_point.tr_mul(&s.j_point) * s.weight).sum();
+            // A point that its sightings do not hold ties nothing.
+            let Some(v_inv) = v.cholesky().map(|v| v.inverse()) else { continue };
+            let w: Vec<Matrix6x3<f64>> =
+                sightings.iter().map(|s| s.j_pose.tr_mul(&s.j_point) * s.weight).collect();
+            for (s, w_s) in sightings.iter().zip(&w) {
+                matrix.add(s.image, s.image, &(s.j_pose.tr_mul(&s.j_pose) * s.weight));
+                let y_s = w_s * v_inv;
+                for (t, w_t) in sightings.iter().zip(&w).filter(|(t, _)| t.image >= s.image) {
+                    matrix.add(s.image, t.image, &-(w_t * y_s.transpose()));
+                }
+            }
+            errors.resize(sightings.len(), Vector2::zeros());
+            for column in columns.chunks_exact_mut(n) {
+                draw(&mut errors);
+                let with_errors = || sightings.iter().zip(&errors);
+                let pull: Vector3<f64> =
+                    with_errors().map(|(s, e)| s.j_point.tr_mul(e) * s.weight).sum();
+                let moved = v_inv * pull;
+                for ((s, e), w_s) in with_errors().zip(&w) {
+                    let pull = s.j_pose.tr_mul(e) * s.weight - w_s * moved;
+                    for (sum, value) in column[POSE_DIM * s.image..].iter_mut().zip(pull.iter()) {
+                        *sum += value;
+                    }
+                }
+            }
+        }
+        matrix.solve_in_place(&mut columns).then_some(columns)
+    }
+}
+
+fn linearize(
+    model: &SparseModel,
+    index_of: &BTreeMap<ImageId, usize>,
+    point: &Point3d,
+    observation: &Observation,
+) -> Option<Sighting> {
+    let image = model.images.get(&observation.image)?;
+    let pixel = image.keypoints.get(observation.keypoint as usize)?;
+    let in_cam = image.cam_from_world * point.position;
+    let projection = model.cameras.get(&image.camera)?.project_with_jacobians(&in_cam)?;
+    let residual = projection.pixel - pixel;
+    let mut j_pose = SMatrix::<f64, 2, 6>::zeros();
+    let j_turn = projection.d_point * -in_cam.coords.cross_matrix();
+    j_pose.fixed_view_mut::<2, 3>(0, 0).copy_from(&j_turn);
+    j_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&projection.d_point);
+    Some(Sighting {
+        image: *index_of.get(&observation.image)?,
+        depth: in_cam.z,
+        residual,
+        weight: 1.0 / (1.0 + residual.norm_squared()),
+        j_pose,
+        j_point: projection.d_point * image.cam_from_world.rotation.to_rotation_matrix().matrix(),
+    })
+}
+
+/// S by blocks of its lower triangle, `(column, row)`.
+struct ReducedMatrix {
+    num_images: usize,
+    blocks: BTreeMap<(usize, usize), Matrix6<f64>>,
+}
+
+impl ReducedMatrix {
+    fn new(num_images: usize) -> Self {
+        let blocks = (0..num_images).map(|i| ((i, i), Matrix6::zeros())).collect();
+        Self { num_images, blocks }
+    }
+
+    fn add(&mut self, column: usize, row: usize, block: &Matrix6<f64>) {
+        *self.blocks.entry((column, row)).or_default() += block;
+    }
+
+    /// Solves for all columns of `rhs`; `false` if S is not positive definite or too large. One
+    /// thread factors: kernels that split over threads may add in another order.
+    fn solve_in_place(self, rhs: &mut [f64]) -> bool {
+        self.try_solve(rhs).is_some()
+    }
+
+    fn try_solve(mut self, rhs: &mut [f64]) -> Option<()> {
+        for i in 0..self.num_images {
+            let diagonal = self.blocks.get_mut(&(i, i))?;
+            for k in 0..POSE_DIM {
+                diagonal[(k, k)] *= 1.0 + DAMPING;
+            }
+        }
+        let n = POSE_DIM * self.num_images;
+        let (starts, rows, values) = self.scalar_columns();
+        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
+        let ordering = SymmetricOrdering::Amd;
+        let symbolic =
+            factorize_symbolic_cholesky(pattern, Side::Lower, ordering, Default::default()).ok()?;
+        let num_columns = rhs.len() / n.max(1);
+        let request = symbolic
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
+            .or(symbolic.solve_in_place_scratch::<f64>(num_columns, Par::Seq));
+        let mut memory = MemBuffer::try_new(request).ok()?;
+        let stack = MemStack::new(&mut memory);
+        let mut factor = vec![0.0; symbolic.len_val()];
+        symbolic
+            .factorize_numeric_llt(
+                &mut factor,
+                SparseColMatRef::new(pattern, &values),
+                Side::Lower,
+                Default::default(),
+                Par::Seq,
+                stack,
+                Default::default(),
+            )
+            .ok()?;
+        let rhs = MatMut::from_column_major_slice_mut(rhs, n, num_columns);
+        LltRef::new(&symbolic, &factor).solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
+        Some(())
+    }
+
+    /// Column starts, row indices and values of the lower triangle, scalar by scalar.
+    fn scalar_columns(&self) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+        let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+        for i in 0..self.num_images {
+            for c in 0..POSE_DIM {
+                for (&(_, j), block) in self.blocks.range((i, 0)..(i + 1, 0)) {
+                    let first = if i == j { c } else { 0 };
+                    rows.extend((first..POSE_DIM).map(|r| POSE_DIM * j + r));
+                    values.extend((first..POSE_DIM).map(|r| block[(r, c)]));
+                }
+                starts.push(rows.len());
+            }
+        }
+        (starts, rows, values)
+    }
+}
