@@ -5,6 +5,7 @@ pub mod repository;
 pub mod scans;
 pub mod shared;
 pub mod source;
+pub mod trials;
 
 pub use evaluation::{Alignment, Evaluation, Poses, evaluate};
 pub use repository::repository_root;

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_geometry::Camera;
 use volery_scene::{CameraId, ImageId, ImagePrior, NoProgress, TwoViewGeometry};
 use volery_sfm::{
     MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
@@ -21,16 +22,43 @@ pub fn truth_of(scene: &PointScene) -> Poses {
     poses.map(|(index, pose)| (image_name(index), pose.inverse())).collect()
 }
 
-/// Verified pairs of a scene with known intrinsics.
-pub fn verified_pairs(scene: &PointScene, seed: u64) -> Vec<TwoViewGeometry> {
-    let options = TwoViewOptions::default();
+/// What is known of the camera before mapping.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Knowledge {
+    /// Its focal length, which is believed.
+    Fixed(f64),
+    /// A guess of its focal length, to be refined with the distortion.
+    Guess(f64),
+}
+
+impl Knowledge {
+    fn camera(self, truth: &Camera) -> SfmCamera {
+        let (Self::Fixed(focal) | Self::Guess(focal)) = self;
+        let focal_is_guess = matches!(self, Self::Guess(_));
+        let mut camera = *truth;
+        let num_focals = camera.model.num_focals();
+        camera.params_mut()[..num_focals].fill(focal);
+        let refine = if focal_is_guess {
+            IntrinsicsRefinement::FOCAL_AND_DISTORTION
+        } else {
+            IntrinsicsRefinement::FIXED
+        };
+        SfmCamera { camera, refine, focal_is_guess }
+    }
+}
+
+/// Verified pairs of a scene.
+pub fn verified_pairs(scene: &PointScene, knowledge: Knowledge, seed: u64) -> Vec<TwoViewGeometry> {
+    let camera = knowledge.camera(&scene.camera);
+    let options =
+        TwoViewOptions { calibrated: !camera.focal_is_guess, ..TwoViewOptions::default() };
     let estimate = |(i, j, matches): &(usize, usize, Vec<_>)| {
         estimate_two_view_geometry(
             ImageId(*i as u32),
-            &scene.camera,
+            &camera.camera,
             &scene.keypoints[*i],
             ImageId(*j as u32),
-            &scene.camera,
+            &camera.camera,
             &scene.keypoints[*j],
             matches,
             &options,
@@ -42,6 +70,17 @@ pub fn verified_pairs(scene: &PointScene, seed: u64) -> Vec<TwoViewGeometry> {
 
 /// Maps a scene whose intrinsics are known.
 pub fn map_scene(scene: &PointScene, seed: u64) -> Result<Reconstruction, ReconstructError> {
+    let knowledge = Knowledge::Fixed(scene.camera.mean_focal());
+    map_pairs(scene, knowledge, &verified_pairs(scene, knowledge, seed), seed)
+}
+
+/// Maps a scene from its verified `pairs`.
+pub fn map_pairs(
+    scene: &PointScene,
+    knowledge: Knowledge,
+    pairs: &[TwoViewGeometry],
+    seed: u64,
+) -> Result<Reconstruction, ReconstructError> {
     let images: Vec<SfmImage> = scene
         .keypoints
         .iter()
@@ -55,13 +94,9 @@ pub fn map_scene(scene: &PointScene, seed: u64) -> Result<Reconstruction, Recons
             prior: ImagePrior::default(),
         })
         .collect();
-    let camera = SfmCamera {
-        camera: scene.camera,
-        refine: IntrinsicsRefinement::FIXED,
-        focal_is_guess: false,
-    };
+    let camera = knowledge.camera(&scene.camera);
     let options = MapperOptions { seed, ..MapperOptions::default() };
-    reconstruct(&images, &[camera], &verified_pairs(scene, seed), &options, &NoProgress)
+    reconstruct(&images, &[camera], pairs, &options, &NoProgress)
 }
 
 /// Errors of the map against the truth of the scene; `None` without a map that can be aligned.

@@ -8,6 +8,7 @@
 mod absence;
 pub mod drift;
 mod intrinsics;
+pub mod merged;
 mod ties;
 pub mod witnesses;
 
@@ -21,6 +22,7 @@ use crate::SfmCamera;
 pub(crate) use absence::no_map;
 use drift::Drift;
 use intrinsics::absurd_cameras;
+use merged::Strangers;
 use ties::{MIN_SCALE_POINTS, MIN_TIE_POINTS, weakest_scale_tie, weakest_tie};
 use witnesses::Witnesses;
 
@@ -40,6 +42,8 @@ const MAX_WEAK_IMAGES: f64 = 0.3;
 const MIN_POINTS: usize = 100;
 /// Mean reprojection error, pixels.
 const MAX_MEAN_ERROR_PX: f64 = 1.6;
+/// Part of the images that may look unlike their nearest view.
+const MAX_STRANGERS: f64 = 0.15;
 /// What a good map promises: positions to so many parts of the distance of what is seen.
 const MAX_POSITION_DRIFT: f64 = 0.005;
 /// And rotations, radians.
@@ -55,6 +59,8 @@ pub struct Evidence {
     /// The same, counting only points in three or more images: those that tie the scales of the
     /// parts.
     pub weakest_scale_tie: Option<(usize, usize)>,
+    /// Images that look unlike those in the same place.
+    pub strangers: Strangers,
     /// How far the map may have drifted.
     pub drift: Drift,
     /// Images in verified pairs.
@@ -72,6 +78,7 @@ impl Evidence {
             witnesses: Witnesses::of(model, pairs),
             weakest_tie: weakest_tie(model),
             weakest_scale_tie: weakest_scale_tie(model),
+            strangers: Strangers::of(model),
             drift: Drift::of(model),
             num_paired: paired.len(),
             focal_sigmas: Vec::new(),
@@ -85,6 +92,7 @@ impl Evidence {
             ("few_points", few_points(model)),
             ("contradicting_rotations", self.contradiction()),
             ("loop_disagreement", self.torn_sequence()),
+            ("merged_places", self.merged_places()),
             ("few_images", self.few_images(model)),
             ("weakly_tied", self.weak_tie()),
             ("drift", self.too_much_drift()),
@@ -135,6 +143,17 @@ impl Evidence {
                  with the map: the two parts may be joined wrongly",
                 100.0 * part,
                 image.0
+            )
+        })
+    }
+
+    fn merged_places(&self) -> Option<String> {
+        let Strangers { num_compared, num_strangers } = self.strangers;
+        (self.strangers.fraction() > MAX_STRANGERS).then(|| {
+            format!(
+                "{num_strangers} of {num_compared} images do not show what the image nearest to \
+                 them shows: places that look alike may have been merged; give telemetry or \
+                 positions, or make the places look different"
             )
         })
     }
