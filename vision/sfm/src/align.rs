@@ -1,6 +1,7 @@
 //! Gravity, scale, origin and forward vector: a reconstruction becomes an environment map.
 
 mod gravity;
+mod heights;
 mod positions;
 mod scale;
 #[cfg(test)]
@@ -16,6 +17,7 @@ use volery_scene::{
 
 use crate::Reconstruction;
 use gravity::GravityEstimate;
+use heights::fit_heights;
 use positions::PositionFit;
 use scale::ScaleEstimate;
 
@@ -30,6 +32,8 @@ pub struct AlignOptions {
 
 /// A scale that is known worse is no metric scale.
 const MAX_SCALE_SIGMA: f64 = 0.05;
+/// Standard deviation of an up that is guessed from the cameras, radians.
+const GUESSED_UP_SIGMA: f64 = 0.1;
 /// Sources that differ by more combined standard deviations contradict each other.
 const MAX_DEVIATIONS: f64 = 3.0;
 
@@ -53,7 +57,14 @@ pub fn environment_map(
     let fit = positions::fit_positions(&model, priors);
     let mut contradictions = Vec::new();
     let (up, gravity) = choose_gravity(&model, priors, fit.as_ref(), &mut contradictions);
-    let sources = scale::scales(&model, priors, &up, fit.as_ref(), &options.known_distances);
+    let heights = fit_heights(&model, priors, &up, gravity.sigma.unwrap_or(GUESSED_UP_SIGMA));
+    let (up, gravity) = match &heights {
+        Some(heights) if gravity.sigma.is_some_and(|sigma| heights.tilt_sigma < sigma) => {
+            (heights.up, Gravity { sigma: Some(heights.tilt_sigma), ..gravity })
+        }
+        _ => (up, gravity),
+    };
+    let sources = scale::scales(&model, heights.as_ref(), fit.as_ref(), &options.known_distances);
     let (factor, scale) = choose_scale(sources, &mut contradictions);
 
     let given = match (options.origin, &fit) {

@@ -155,7 +155,7 @@ fn a_known_distance_gives_the_scale() {
     assert_eq!(map.quality.verdict, Verdict::Good);
 }
 
-/// Ten positions with 5 cm of noise give the scale to one percent; one of them may be wrong.
+/// Ten positions with 5 cm of noise give scale, up and frame; one of them may be wrong.
 #[test]
 fn positions_give_scale_up_and_frame() {
     for seed in 0..5 {
@@ -166,7 +166,7 @@ fn positions_give_scale_up_and_frame() {
         let options = AlignOptions { origin: OriginRule::Given, ..AlignOptions::default() };
         let map = environment_map(flight.reconstruction(), &priors, &options);
         let error = flight.scale_error(&map).abs();
-        assert!(error < 0.01, "scale off by {error}");
+        assert!(error < 0.02, "scale off by {error}");
         assert!(error < 4.0 * map.scale.sigma_rel.unwrap());
         assert!(flight.tilt_error(&map) < 4.0 * map.gravity.sigma.unwrap());
         assert_eq!(map.gravity.source, GravitySource::Positions);
@@ -177,21 +177,85 @@ fn positions_give_scale_up_and_frame() {
     }
 }
 
-/// Heights with 3 cm of noise over a meter of change give the scale to about a percent.
+/// Scale errors of many flights in percent, with their claims.
+fn scale_errors(
+    source: ScaleSource,
+    mut flight_and_priors: impl FnMut(u64) -> (Flight, Vec<ImagePrior>),
+) -> Vec<(f64, f64)> {
+    (0..200)
+        .map(|seed| {
+            let (flight, priors) = flight_and_priors(seed);
+            let map = environment_map(flight.reconstruction(), &priors, &AlignOptions::default());
+            assert_eq!(map.scale.source, source);
+            (100.0 * flight.scale_error(&map), 100.0 * map.scale.sigma_rel.unwrap())
+        })
+        .collect()
+}
+
+/// Part of the errors within `limit`, and the root mean square of error by claim. Of 200 flights
+/// at 95 % another 3 % is chance, and 10 % of the root mean square.
+fn within(errors: &[(f64, f64)], limit: f64) -> (f64, f64) {
+    let n = errors.len() as f64;
+    let count = errors.iter().filter(|(error, _)| error.abs() <= limit).count() as f64;
+    let square: f64 = errors.iter().map(|(error, sigma)| (error / sigma).powi(2)).sum();
+    (count / n, (square / n).sqrt())
+}
+
+/// σ = 5 cm / √(Σ ‖C − C̄‖²): ten positions around 8 x 5 m leave 0.47 %, so 1 % holds at 95 %.
 #[test]
-fn heights_give_the_scale() {
-    for seed in 0..5 {
-        let mut flight = Flight::new(110, seed);
+fn ten_positions_give_the_scale_to_a_percent() {
+    let errors = scale_errors(ScaleSource::Positions, |seed| {
+        let mut flight = Flight::new(10, seed);
         let mut priors = flight.priors();
-        flight.add_attitudes(&mut priors, 0.5_f64.to_radians());
-        flight.add_heights(&mut priors, 0.03);
-        priors[7].height.as_mut().unwrap().height += 1.5;
+        flight.add_positions(&mut priors, 0.05);
+        (flight, priors)
+    });
+    let (fraction, honesty) = within(&errors, 1.0);
+    assert!(fraction > 0.92, "{fraction} within 1 %");
+    assert!((0.7..1.2).contains(&honesty), "{honesty}");
+}
+
+/// A flight at two heights a meter apart, `n` images with 3 cm of noise in the height.
+fn two_level_flight(n: usize, seed: u64) -> (Flight, Vec<ImagePrior>) {
+    let mut flight = Flight::new(n, seed);
+    for (i, center) in flight.centers.iter_mut().enumerate() {
+        center.z = if 2 * i < n { 1.0 } else { 2.0 };
+    }
+    let mut priors = flight.priors();
+    flight.add_attitudes(&mut priors, 0.5_f64.to_radians());
+    flight.add_heights(&mut priors, 0.03);
+    (flight, priors)
+}
+
+/// 3 cm / (√n · 0.5 m): 1 % at 95 % takes 140 images; 48 leave 0.9 %, and the map says so. The
+/// levels are on opposite sides of the loop, so that a tilt of up would pass for scale.
+#[test]
+fn heights_give_the_scale_that_their_noise_permits() {
+    for (n, permitted) in [(48, 0.87), (144, 0.5)] {
+        let errors = scale_errors(ScaleSource::Heights, |seed| two_level_flight(n, seed));
+        // Up is estimated too, from the same heights: a flight around the room costs little.
+        let rms = (errors.iter().map(|(e, _)| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!(rms < 1.5 * permitted, "{n} images: {rms} %, {permitted} % permitted");
+        let (_, honesty) = within(&errors, 1.0);
+        // The claim allows for an error that all attitudes share; these share none.
+        assert!((0.6..1.15).contains(&honesty), "{n} images: {honesty}");
+        let (fraction, _) = within(&errors, 1.96 * permitted);
+        println!("{n} images: rms {rms:.2} %, {:.0} % within 1.96 of the bound", 100.0 * fraction);
+    }
+}
+
+/// One height in ten is off by more than a meter (a table under the drone).
+#[test]
+fn wrong_heights_are_outvoted() {
+    for seed in 0..5 {
+        let (flight, mut priors) = two_level_flight(110, seed);
+        for prior in priors.iter_mut().step_by(10) {
+            prior.height.as_mut().unwrap().height += 1.5;
+        }
         let map = environment_map(flight.reconstruction(), &priors, &AlignOptions::default());
-        let error = flight.scale_error(&map).abs();
-        assert!(error < 0.02, "scale off by {error}");
-        assert_eq!(map.scale.source, ScaleSource::Heights);
-        let sigma = map.scale.sigma_rel.unwrap();
+        let (error, sigma) = (flight.scale_error(&map).abs(), map.scale.sigma_rel.unwrap());
         assert!(error < 4.0 * sigma && sigma < 0.02, "{error} against {sigma}");
+        assert!(flight.tilt_error(&map).to_degrees() < 0.3);
     }
 }
 

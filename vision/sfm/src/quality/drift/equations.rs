@@ -20,7 +20,7 @@ struct Sighting {
     image: usize,
     depth: f64,
     residual: Vector2<f64>,
-    /// Of the Cauchy loss with a scale of one pixel, as the mapper's last adjustment has it.
+    /// Of the Cauchy loss with a scale of one pixel, the widest of the last adjustments.
     weight: f64,
     j_pose: SMatrix<f64, 2, 6>,
     j_point: Matrix2x3<f64>,
