@@ -42,8 +42,8 @@ const MAX_WEAK_IMAGES: f64 = 0.3;
 const MIN_POINTS: usize = 100;
 /// Mean reprojection error, pixels.
 const MAX_MEAN_ERROR_PX: f64 = 1.6;
-/// Part of the images that may look unlike their nearest view.
-const MAX_STRANGERS: f64 = 0.15;
+/// Part of the images that may look unlike their nearest view: a fold concerns at least every other.
+const MAX_STRANGERS: f64 = 0.3;
 /// What a good map promises: positions to so many parts of the distance of what is seen.
 const MAX_POSITION_DRIFT: f64 = 0.005;
 /// And rotations, radians.
