@@ -164,8 +164,10 @@ fn own_camera(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use volery_features::GlobalDescriptor;
-    use volery_scene::{Features, ImageSize};
+    use volery_scene::ImageSize;
 
     use super::*;
     use crate::{photo::Photo, spec::ImageInput};
@@ -181,7 +183,7 @@ mod tests {
             hint,
             contrast: 50.0,
             sharpness: 0.5,
-            features: Features::default(),
+            features: Arc::default(),
             colors: Vec::new(),
             global: GlobalDescriptor(Vec::new()),
         };

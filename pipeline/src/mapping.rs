@@ -55,6 +55,7 @@ pub(crate) fn map_pairs(
                 .map(|k| Point2::new(f64::from(k.x), f64::from(k.y)))
                 .collect(),
             colors: usable.photo.colors.clone(),
+            features: usable.photo.features.clone(),
             prior: priors[i],
         })
         .collect();

@@ -1,5 +1,7 @@
 //! A photo as the later stages see it: features and what its file says of the camera.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use volery_features::{GlobalDescriptor, detect_and_describe, global_descriptor};
 use volery_formats::{
@@ -36,7 +38,7 @@ pub(crate) struct Photo {
     /// Standard deviation of the Laplacian over that of the gray values: low when blurred.
     pub(crate) sharpness: f32,
     /// In pixels of the upright photo.
-    pub(crate) features: Features,
+    pub(crate) features: Arc<Features>,
     /// sRGB at the keypoints.
     pub(crate) colors: Vec<[u8; 3]>,
     /// Of the whole image.
@@ -74,7 +76,7 @@ impl Photo {
             }
         }
         let colors = features.keypoints.iter().map(|k| decoded.rgb_at(k.x, k.y)).collect();
-        Ok(Self { hint, contrast, sharpness, features, colors, global })
+        Ok(Self { hint, contrast, sharpness, features: Arc::new(features), colors, global })
     }
 
     /// Key of [`Self::from_bytes`] for a file with hash `file`.
@@ -116,7 +118,7 @@ impl Photo {
             hint: header.hint,
             contrast: header.contrast,
             sharpness: header.sharpness,
-            features,
+            features: Arc::new(features),
             colors: colors.as_chunks::<3>().0.to_vec(),
             global: GlobalDescriptor(global),
         })

@@ -1,5 +1,7 @@
 //! Point scenes through two-view geometry and the mapper, judged against the truth.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::Camera;
@@ -91,6 +93,7 @@ pub fn map_pairs(
             camera: CameraId(0),
             keypoints: keypoints.clone(),
             colors: vec![[128; 3]; keypoints.len()],
+            features: Arc::default(),
             prior: ImagePrior::default(),
         })
         .collect();

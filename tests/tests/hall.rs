@@ -1,5 +1,7 @@
 //! A rendered hall from pixels to poses: every stage behind the decoder, against exact truth.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_features::{
@@ -58,6 +60,7 @@ fn the_demo_hall_is_mapped_to_a_centimeter() {
             camera: CameraId(0),
             keypoints: features.keypoints.iter().map(|k| k.pixel()).collect(),
             colors: vec![[128; 3]; features.len()],
+            features: Arc::new(features.clone()),
             prior: shot.prior,
         })
         .collect();

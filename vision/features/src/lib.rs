@@ -5,6 +5,8 @@ pub mod retrieval;
 pub mod sift;
 mod simd;
 
-pub use matching::{MatchOptions, PackedDescriptors, match_features, match_guided};
+pub use matching::{
+    MatchOptions, PackedDescriptors, match_features, match_guided, squared_distance,
+};
 pub use retrieval::{GlobalDescriptor, global_descriptor};
 pub use sift::{SiftOptions, detect_and_describe};

@@ -1,5 +1,6 @@
 //! Exact nearest-neighbor matching.
 
+mod distance;
 mod guided;
 mod nearest;
 mod packed;
@@ -8,6 +9,7 @@ mod simd;
 use volery_scene::FeatureMatch;
 
 use crate::simd::SimdLevel;
+pub use distance::squared_distance;
 pub use guided::match_guided;
 use nearest::{Nearest, nearest_both_ways};
 pub use packed::PackedDescriptors;

@@ -10,7 +10,10 @@
 //!
 //! Prints seconds of CPU per stage and the figures of the map.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
@@ -196,6 +199,7 @@ fn main() -> Result<(), Error> {
             camera: CameraId(if cameras.len() > 1 { index as u32 } else { 0 }),
             keypoints: photo.features.keypoints.iter().map(|k| k.pixel()).collect(),
             colors: photo.colors.clone(),
+            features: Arc::new(photo.features.clone()),
             prior: ImagePrior::default(),
         })
         .collect();

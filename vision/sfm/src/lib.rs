@@ -3,6 +3,7 @@
 pub mod align;
 pub mod global;
 pub mod incremental;
+mod keypoint_grid;
 pub mod pairs;
 pub mod quality;
 pub mod reconstruct;

@@ -1,12 +1,14 @@
 //! Verified pairs to sparse models: the incremental and the global mapper, validated, the better
 //! one kept.
 
+use std::sync::Arc;
+
 use nalgebra::Point2;
 use volery_estimation::IntrinsicsRefinement;
 use volery_geometry::Camera;
 use volery_scene::{
-    CameraId, Cancelled, ImageId, ImagePrior, Progress, Quality, SparseModel, TwoViewGeometry,
-    TwoViewKind, UnplacedImage, UnplacedReason, Verdict,
+    CameraId, Cancelled, Features, ImageId, ImagePrior, Progress, Quality, SparseModel,
+    TwoViewGeometry, TwoViewKind, UnplacedImage, UnplacedReason, Verdict,
 };
 
 use crate::global::map_globally;
@@ -38,6 +40,8 @@ pub struct SfmImage {
     pub keypoints: Vec<Point2<f64>>,
     /// sRGB at the keypoints; as many.
     pub colors: Vec<[u8; 3]>,
+    /// Scales and descriptors of the keypoints; empty if they are not at hand.
+    pub features: Arc<Features>,
     /// What else is known.
     pub prior: ImagePrior,
 }

@@ -45,7 +45,7 @@ pub fn build_tracks(images: &[SfmImage], pairs: &[TwoViewGeometry]) -> Vec<Vec<O
 }
 
 /// For every keypoint the lowest index of a keypoint at the same location.
-fn same_place(image: &SfmImage) -> Vec<u32> {
+pub(crate) fn same_place(image: &SfmImage) -> Vec<u32> {
     let mut order: Vec<u32> = (0..image.keypoints.len() as u32).collect();
     let key = |i: u32| {
         let p = &image.keypoints[i as usize];
@@ -138,6 +138,8 @@ impl Forest {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use nalgebra::Point2;
     use volery_scene::{CameraId, FeatureMatch, ImagePrior, TwoViewKind};
 
@@ -150,6 +152,7 @@ mod tests {
             camera: CameraId(0),
             keypoints: keypoints.iter().map(|&(x, y)| Point2::new(x, y)).collect(),
             colors: vec![[0; 3]; keypoints.len()],
+            features: Arc::default(),
             prior: ImagePrior::default(),
         }
     }

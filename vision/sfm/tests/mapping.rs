@@ -1,6 +1,7 @@
 //! Mapping of synthetic scenes with known truth.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -43,6 +44,7 @@ fn images(scene: &PointScene) -> Vec<SfmImage> {
             camera: CameraId(0),
             keypoints: keypoints.clone(),
             colors: vec![[90, 120, 150]; keypoints.len()],
+            features: Arc::default(),
             prior: ImagePrior::default(),
         })
         .collect()

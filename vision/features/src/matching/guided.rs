@@ -1,11 +1,12 @@
 //! Matching along epipolar lines.
 
 use nalgebra::{Matrix3, Point2, Vector3};
-use volery_scene::{Descriptor, FeatureMatch, Features};
+use volery_scene::{FeatureMatch, Features};
 
+use super::distance::squared_distance_with;
 use super::nearest::{NONE, Nearest};
 use super::{MatchOptions, mutual};
-use crate::simd::{SimdLevel, multiversion};
+use crate::simd::SimdLevel;
 
 /// Side of a cell of the keypoint grid, pixels.
 const CELL: f64 = 16.0;
@@ -45,11 +46,11 @@ pub fn match_guided(
         });
         candidates.sort_unstable();
         for &j in &candidates {
-            let similarity = -squared_distance(
+            let similarity = -(squared_distance_with(
                 level,
                 &features1.descriptors[i],
                 &features2.descriptors[j as usize],
-            );
+            ) as i32);
             row.update(similarity, j);
             columns[j as usize].update(similarity, i as u32);
         }
@@ -84,17 +85,6 @@ impl Running {
     fn nearest(self) -> Nearest {
         let second_similarity = (self.second > NONE).then_some(self.second);
         Nearest { similarity: self.first, index: self.index, second_similarity }
-    }
-}
-
-multiversion! {
-    fn squared_distance(a: &Descriptor, b: &Descriptor) -> i32 {
-        let mut sum = 0;
-        for (a, b) in a.iter().zip(b) {
-            let difference = i32::from(i16::from(*a) - i16::from(*b));
-            sum += difference * difference;
-        }
-        sum
     }
 }
 

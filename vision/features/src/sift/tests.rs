@@ -19,16 +19,14 @@ fn blobs_are_found_where_they_are_at_their_scale() {
             let center = [60.3 + 0.17 * index as f32, 57.9 - 0.23 * index as f32];
             let image = blob(120, 110, center, sigma, contrast);
             let features = detect_and_describe(&image, &SiftOptions::default());
+            // Rounding to whole gray levels rings the blob with weak extrema of its own.
+            let miss = |k: &Keypoint| (k.x - center[0]).hypot(k.y - center[1]);
             let nearest = features
                 .keypoints
                 .iter()
-                .min_by(|a, b| {
-                    let miss = |k: &Keypoint| (k.scale / sigma).ln().abs();
-                    miss(a).total_cmp(&miss(b))
-                })
+                .min_by(|a, b| miss(a).total_cmp(&miss(b)))
                 .expect("a blob is a feature");
-            let error = (nearest.x - center[0]).hypot(nearest.y - center[1]);
-            assert!(error < 0.1, "blob {sigma}: {error} px off");
+            assert!(miss(nearest) < 0.1, "blob {sigma}: {} px off", miss(nearest));
             let expected = sigma / 2f32.powf(1.0 / 6.0);
             let ratio = nearest.scale / expected;
             assert!((0.9..1.15).contains(&ratio), "blob {sigma}: scale {}", nearest.scale);

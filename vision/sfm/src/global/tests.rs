@@ -2,6 +2,8 @@
 
 mod graphs;
 
+use std::sync::Arc;
+
 use nalgebra::UnitQuaternion;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::similarity_from_points;
@@ -31,6 +33,7 @@ fn scan(motion: CenterMotion, seed: u64) -> Scan {
             camera: CameraId(0),
             keypoints: keypoints.clone(),
             colors: vec![[0; 3]; keypoints.len()],
+            features: Arc::default(),
             prior: ImagePrior::default(),
         })
         .collect();

@@ -68,7 +68,20 @@ impl WorkingModel<'_> {
 
     /// `image` and the up to `count - 1` images that share most points with it.
     fn covisible(&self, image: usize, count: usize) -> Vec<usize> {
-        let mut shared = vec![0usize; self.num_images()];
+        let mut shared = self.num_shared(image);
+        shared[image] = 0;
+        let mut order: Vec<usize> =
+            (0..shared.len()).filter(|&i| shared[i] > 0 && self.poses[i].is_some()).collect();
+        order.sort_by_key(|&i| (std::cmp::Reverse(shared[i]), i));
+        order.truncate(count - 1);
+        order.push(image);
+        order.sort_unstable();
+        order
+    }
+
+    /// Per image the number of points it shares with `image`.
+    pub(crate) fn num_shared(&self, image: usize) -> Vec<u32> {
+        let mut shared = vec![0; self.num_images()];
         for &(track, slot) in &self.image_tracks[image] {
             let track = &self.tracks[track as usize];
             if track.position.is_none() || !track.sightings[slot as usize].active {
@@ -78,14 +91,7 @@ impl WorkingModel<'_> {
                 shared[sighting.image as usize] += 1;
             }
         }
-        shared[image] = 0;
-        let mut order: Vec<usize> =
-            (0..shared.len()).filter(|&i| shared[i] > 0 && self.poses[i].is_some()).collect();
-        order.sort_by_key(|&i| (std::cmp::Reverse(shared[i]), i));
-        order.truncate(count - 1);
-        order.push(image);
-        order.sort_unstable();
-        order
+        shared
     }
 
     /// Refines the poses that are `variable` with the points that the `images` see. In a local

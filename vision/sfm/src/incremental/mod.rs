@@ -5,11 +5,12 @@ mod initial_pair;
 mod loop_closure;
 mod next_view;
 mod points;
+mod projection;
 mod resection;
 pub(crate) mod working;
 
 use volery_estimation::BundleOptions;
-use volery_geometry::{Camera, median};
+use volery_geometry::Camera;
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
@@ -42,6 +43,11 @@ const GLOBAL_GROWTH: f64 = 1.25;
 const MIN_IMAGE_POINTS: usize = 12;
 /// Global rounds of adjustment and filtering at the end.
 const MAX_FINAL_ROUNDS: usize = 5;
+/// Scale of the last losses, median errors: 2.4 standard deviations, where Cauchy's loss has 95 %
+/// of the efficiency of least squares under normal noise.
+const LOSS_MEDIANS: f64 = 2.0;
+/// Rounds of looking for the points in further images.
+const NUM_SEARCHES: usize = 1;
 /// The end: a round changed a smaller part of the sightings.
 const STEADY_FRACTION: f64 = 5e-4;
 
@@ -49,11 +55,6 @@ const LOCAL: BundleOptions =
     BundleOptions { max_iterations: 12, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
 const GLOBAL: BundleOptions =
     BundleOptions { max_iterations: 15, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
-/// Losses of the last adjustments, in scales of the noise: at once, an image may fall into a wrong
-/// minimum.
-const NARROWING: [f64; 2] = [2.0, 1.0];
-/// Bounds of that scale.
-const NOISE_SCALE_RANGE_PX: (f64, f64) = (0.1, 1.0);
 const FINAL: BundleOptions =
     BundleOptions { max_iterations: 40, loss_scale_px: Some(1.0), cost_tolerance: 1e-6 };
 
@@ -234,27 +235,22 @@ impl WorkingModel<'_> {
                 break;
             }
         }
-        let noise_px = self.noise_scale_px();
-        for scale in NARROWING {
-            let loss_scale_px = Some((scale * noise_px).min(1.0));
-            self.adjust_all(&BundleOptions { loss_scale_px, ..FINAL }, progress)?;
+        for _ in 0..NUM_SEARCHES {
+            self.search_by_projection();
+            self.adjust_all(&self.narrowed(&GLOBAL), progress)?;
+            self.update_tracks();
         }
+        self.adjust_all(&self.narrowed(&FINAL), progress)?;
         self.filter_points();
         self.drop_weak_images();
         Ok(())
     }
 
-    /// Scale of the Cauchy distribution that the errors follow: their median. A loss much wider
-    /// than the noise lets every slightly wrong match pull at the poses.
-    fn noise_scale_px(&self) -> f64 {
-        let errors = self.tracks.iter().filter_map(|track| Some((track, track.position?)));
-        let errors = errors.flat_map(|(track, point)| {
-            let active = track.sightings.iter().filter(|sighting| sighting.active);
-            active.map(move |sighting| self.reprojection_error(sighting, &point))
-        });
-        let (finest, coarsest) = NOISE_SCALE_RANGE_PX;
-        let median = median(&mut errors.collect::<Vec<f64>>());
-        median.map_or(coarsest, |median| median.clamp(finest, coarsest))
+    /// `options` with a loss as narrow as the noise: a wider one lets every slightly wrong match
+    /// pull at the poses.
+    fn narrowed(&self, options: &BundleOptions) -> BundleOptions {
+        let loss_scale_px = self.median_error_px().map(|median| LOSS_MEDIANS * median);
+        BundleOptions { loss_scale_px: loss_scale_px.or(options.loss_scale_px), ..*options }
     }
 
     /// Images with hardly a point left lose their pose.

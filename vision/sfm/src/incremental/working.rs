@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
-use volery_geometry::Camera;
 use volery_geometry::triangulation::camera_center;
+use volery_geometry::{Camera, median};
 use volery_scene::{
     CameraId, ImageId, Observation, Point3d, PointId, RegisteredImage, SparseModel, TwoViewGeometry,
 };
@@ -113,6 +113,33 @@ impl<'a> WorkingModel<'a> {
         index
     }
 
+    /// Adds an active sighting to a track. Returns 1, the number of sightings that joined.
+    pub(crate) fn add_sighting(&mut self, track: usize, image: usize, keypoint: u32) -> usize {
+        let slot = self.tracks[track].sightings.len() as u32;
+        let sighting = Sighting { image: image as u32, keypoint, active: true };
+        self.tracks[track].sightings.push(sighting);
+        self.image_tracks[image].push((track as u32, slot));
+        1
+    }
+
+    /// Takes a sighting out of one track and makes it an active one of another. Returns 1, the
+    /// number of sightings that joined.
+    pub(crate) fn move_sighting(&mut self, from: usize, slot: usize, to: usize) -> usize {
+        let sightings = &mut self.tracks[from].sightings;
+        let taken = sightings.swap_remove(slot);
+        let (last, filler) = (sightings.len(), sightings.get(slot).copied());
+        let image = taken.image as usize;
+        self.image_tracks[image].retain(|&entry| entry != (from as u32, slot as u32));
+        if let Some(filler) = filler {
+            for entry in &mut self.image_tracks[filler.image as usize] {
+                if *entry == (from as u32, last as u32) {
+                    entry.1 = slot as u32;
+                }
+            }
+        }
+        self.add_sighting(to, image, taken.keypoint)
+    }
+
     /// Brings the rays up to date with the intrinsics.
     pub(crate) fn update_rays(&mut self) {
         for index in 0..self.input.images.len() {
@@ -175,6 +202,19 @@ impl<'a> WorkingModel<'a> {
             Some(projected) => (projected - self.pixel(sighting)).norm(),
             None => f64::INFINITY,
         }
+    }
+
+    /// Median error, pixels, of the sightings of points that three images see (two hardly
+    /// contradict each other): the scale of the Cauchy distribution that such errors follow.
+    /// `None` without any.
+    pub(crate) fn median_error_px(&self) -> Option<f64> {
+        let mut errors = Vec::new();
+        for track in self.tracks.iter().filter(|track| track.num_active() >= 3) {
+            let Some(point) = track.position else { continue };
+            let active = track.sightings.iter().filter(|s| s.active);
+            errors.extend(active.map(|s| self.reprojection_error(s, &point)));
+        }
+        median(&mut errors)
     }
 
     /// Whether the active sightings of a track see `point` under the least angle.
