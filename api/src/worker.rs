@@ -222,8 +222,8 @@ pub struct ImageCheck {
 /// Answer to any request that could not be done, beside `ok: false`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WorkerFailure {
-    /// Stable: `not_an_image`, `unsupported_format`, `truncated`, `corrupt`, `too_large`,
-    /// `too_many_scans`, `empty`, `bad_map`, `bad_request`, `unknown_image`, `degenerate`, ...
+    /// Stable: `not_an_image`, `unsupported`, `truncated`, `damaged`, `too_large`, `empty_file`,
+    /// `bad_map`, `bad_request`, `unknown_image`, `degenerate`, ...
     pub code: String,
     /// For people.
     pub detail: String,

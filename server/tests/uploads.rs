@@ -68,7 +68,7 @@ async fn each_file_of_an_upload_answers_for_itself() {
             ("zero.jpg", "empty_file"),
             ("text.jpg", "not_an_image"),
             ("cut.jpg", "truncated"),
-            ("huge.png", "too_many_pixels"),
+            ("huge.png", "too_large"),
             ("long.jpg", "too_large"),
             ("bomb.jpg", "undecodable"),
             ("slow.jpg", "undecodable"),

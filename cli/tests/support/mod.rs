@@ -7,6 +7,7 @@ use std::{
     process::{Command, Output},
 };
 
+use image::ImageEncoder;
 use serde_json::Value;
 use volery_synthetic::DemoHall;
 
@@ -120,4 +121,25 @@ pub(crate) fn map_bytes(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     }
     files.sort();
     files
+}
+
+/// A small photo of nothing, another one for every seed.
+pub(crate) fn noise_png(seed: u32) -> Vec<u8> {
+    let mut state = seed;
+    let pixels: Vec<u8> = (0..160 * 120)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        })
+        .collect();
+    png(&pixels, 160, 120)
+}
+
+/// Gray pixels as a file.
+pub(crate) fn png(pixels: &[u8], width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(pixels, width, height, image::ExtendedColorType::L8)
+        .unwrap();
+    bytes
 }

@@ -61,6 +61,12 @@ impl Client {
         self.list(&format!("/v1/imagesets/{imageset}/images")).await
     }
 
+    /// The bytes of an image, as they were uploaded.
+    pub async fn image_bytes(&self, id: Uuid) -> Result<bytes::Bytes, ClientError> {
+        let path = format!("/v1/images/{id}/bytes");
+        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+    }
+
     /// Uploads one photo. Repeating is safe: the set knows its photos by their hash.
     pub async fn upload_bytes(
         &self,

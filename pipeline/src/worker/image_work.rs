@@ -55,21 +55,11 @@ impl QueryError {
     /// The stable code.
     pub fn code(&self) -> &'static str {
         match self {
-            Self::Decode(error) => decode_code(error),
+            Self::Decode(error) => error.code(),
             Self::RawSize => "bad_request",
             Self::OtherSize { .. } => "camera_size_mismatch",
             Self::UnknownCamera => "unknown_camera",
         }
-    }
-}
-
-/// The code of a decoding failure on the wire.
-pub(crate) fn decode_code(error: &DecodeError) -> &'static str {
-    match error {
-        DecodeError::EmptyFile => "empty",
-        DecodeError::Unsupported { .. } => "unsupported_format",
-        DecodeError::Damaged { .. } => "corrupt",
-        other => other.code(),
     }
 }
 

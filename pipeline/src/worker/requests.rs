@@ -24,12 +24,7 @@ use volery_formats::{
 use volery_geometry::{Camera, CameraModel, Point3};
 use volery_localization::{LocalizationPrior, LocalizeOptions};
 
-use super::{
-    align::align_folder,
-    answer::localization,
-    image_work::{decode_code, query_image},
-    parent,
-};
+use super::{align::align_folder, answer::localization, image_work::query_image, parent};
 use crate::{
     PipelineError,
     cache::write_atomic,
@@ -120,7 +115,7 @@ fn of_pipeline(error: PipelineError) -> WorkerFailure {
 
 fn check_image(bytes: &[u8]) -> Result<ImageCheck, WorkerFailure> {
     let image = decode_image(bytes, &DecodeLimits::default())
-        .map_err(|e| failure(decode_code(&e), e.to_string()))?;
+        .map_err(|e| failure(e.code(), e.to_string()))?;
     let summary = read_exif(bytes);
     let (width, height) = (image.gray.width(), image.gray.height());
     let focal = summary.focal_px(width, height);

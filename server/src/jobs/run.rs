@@ -76,14 +76,13 @@ async fn run(app: &Arc<App>, job: &JobRow) {
         }
         Err(error) => again_or_failed(app, job, to_job_error(&error)),
     };
-    let succeeded = matches!(finish, Finish::Map { state: JobState::Succeeded, .. });
     match app.store.finish_job(lease, finish).await {
-        Ok(Ok(())) if succeeded && !app.config.jobs.keep_work_folders => {
+        Ok(Ok(JobState::Succeeded)) if !app.config.jobs.keep_work_folders => {
             if let Err(error) = tokio::fs::remove_dir_all(app.job_folder(job.id)).await {
                 tracing::warn!(job = %job.id, %error, "cannot delete a work folder");
             }
         }
-        Ok(Ok(())) => {}
+        Ok(Ok(_)) => {}
         Ok(Err(_lost)) => tracing::warn!(job = %job.id, "the lease on job {} was lost", job.id),
         // The lease will lapse, and the job will run again.
         Err(error) => tracing::error!(job = %job.id, error = %error.detail, "cannot end a job"),

@@ -157,7 +157,7 @@ fn sniff(bytes: &[u8]) -> Result<(), (&'static str, String)> {
             let detail = format!(
                 "{width} x {height} pixels; at most {MAX_SIDE} a side and {MAX_PIXELS} in all"
             );
-            return Err(("too_many_pixels", detail));
+            return Err(("too_large", detail));
         }
     } else if !bytes.starts_with(b"\xff\xd8\xff") {
         return Err(("not_an_image", "the file is neither JPEG nor PNG".to_owned()));
@@ -185,7 +185,7 @@ mod tests {
         let mut huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
         huge.extend(60_000_u32.to_be_bytes());
         huge.extend(60_000_u32.to_be_bytes());
-        assert_eq!(sniff(&huge).unwrap_err().0, "too_many_pixels");
+        assert_eq!(sniff(&huge).unwrap_err().0, "too_large");
         assert_eq!(sniff(&huge[..20]).unwrap_err().0, "truncated");
         assert_eq!(sniff(b"").unwrap_err().0, "empty_file");
         assert_eq!(sniff(b"hello").unwrap_err().0, "not_an_image");

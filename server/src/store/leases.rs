@@ -130,7 +130,7 @@ impl Store {
         message: &str,
     ) -> ApiResult<Outcome<()>> {
         let mut tx = self.begin().await?;
-        if !holds(&mut tx, lease).await? {
+        if held(&mut tx, lease).await?.is_none() {
             return Ok(Err(LeaseLost));
         }
         let data = value!({ "level": level, "message": message });
@@ -153,13 +153,17 @@ impl Store {
         Ok(())
     }
 
-    /// Ends a run. A map becomes visible in the same transaction.
-    pub(crate) async fn finish_job(&self, lease: Lease, finish: Finish) -> ApiResult<Outcome<()>> {
+    /// Ends a run. A map becomes visible in the same transaction; whoever asked the job to stop
+    /// before it gets none, however far the run came. Answers the state of the job from now on.
+    pub(crate) async fn finish_job(
+        &self,
+        lease: Lease,
+        finish: Finish,
+    ) -> ApiResult<Outcome<JobState>> {
         let now = clock::now_ms();
         let mut tx = self.begin().await?;
-        if !holds(&mut tx, lease).await? {
-            return Ok(Err(LeaseLost));
-        }
+        let Some(cancelled) = held(&mut tx, lease).await? else { return Ok(Err(LeaseLost)) };
+        let finish = if cancelled { Finish::Cancelled } else { finish };
         let (state, error, outputs, run_after, uncount) = match finish {
             Finish::Map { state, version, error } => {
                 let number = maps::insert_version(&mut tx, &version, now).await?;
@@ -197,7 +201,7 @@ impl Store {
             data["outputs"] = value!({ "map_id": map_id, "version": version });
         }
         self.append_and_commit(tx, lease.job, &[("job.state", data)]).await?;
-        Ok(Ok(()))
+        Ok(Ok(state))
     }
 
     /// Fails every job whose worker vanished for the last time it may.
@@ -248,14 +252,18 @@ impl Store {
     }
 }
 
-async fn holds(tx: &mut Transaction<'static, Sqlite>, lease: Lease) -> ApiResult<bool> {
+/// Whether someone asked the job to stop; `None` when the lease is lost.
+async fn held(tx: &mut Transaction<'static, Sqlite>, lease: Lease) -> ApiResult<Option<bool>> {
     let row = sqlx::query(
-        "SELECT EXISTS (SELECT 1 FROM jobs WHERE id = ?1 AND lease_token = ?2 AND
-         state = 'running') AS holds",
+        "SELECT cancel_requested FROM jobs WHERE id = ?1 AND lease_token = ?2 AND
+         state = 'running'",
     )
     .bind(lease.job.to_string())
     .bind(lease.token)
-    .fetch_one(&mut **tx)
+    .fetch_optional(&mut **tx)
     .await?;
-    Ok(row.try_get::<i64, _>("holds")? != 0)
+    Ok(row
+        .map(|row| row.try_get::<i64, _>("cancel_requested"))
+        .transpose()?
+        .map(|asked| asked != 0))
 }

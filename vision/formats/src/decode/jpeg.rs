@@ -7,8 +7,8 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 
 use super::color::{ColorImage, ColorSpace, luma_from_rgb};
+use super::complete::check_complete_jpeg;
 use super::orientation::{Orientation, upright_gray};
-use super::sniff::check_complete_jpeg;
 use super::{DecodeError, DecodeLimits, ImageHeader, Planes, check_limit};
 
 /// More scans than this are an attack: a progressive photo has about ten.
@@ -21,11 +21,7 @@ pub(super) fn decode(
     limits: &DecodeLimits,
 ) -> Result<Planes, DecodeError> {
     let frame = check_complete_jpeg(bytes)?;
-    let num_channels: u64 = match frame.num_components {
-        1 => 1,
-        3 => 3,
-        n => return Err(DecodeError::Unsupported { detail: format!("JPEG of {n} channels") }),
-    };
+    let num_channels = frame.components.len() as u64;
     // Samples and the gray plane; a progressive image also keeps its 16-bit coefficients.
     let bytes_per_pixel = num_channels + 1 + if frame.progressive { 2 * num_channels } else { 0 };
     let num_pixels = u64::from(header.width) * u64::from(header.height);

@@ -5,9 +5,13 @@ use std::sync::Arc;
 use volery_scene::GrayImage;
 
 mod color;
+mod complete;
+mod frame;
+mod huffman;
 mod jpeg;
 mod orientation;
 mod png;
+mod segments;
 mod sniff;
 
 pub use color::ColorImage;

@@ -179,6 +179,54 @@ fn every_truncation_is_an_error() {
     }
 }
 
+/// A color photo with one scan per channel, chroma at half the size: the scans of three gray ones.
+fn one_scan_per_channel() -> Vec<u8> {
+    let luma = jpeg(120, 90, &picture(120, 90), ExtendedColorType::L8);
+    let chroma = jpeg(60, 45, &picture(60, 45), ExtendedColorType::L8);
+    let find =
+        |bytes: &[u8], code: u8| bytes.windows(2).position(|pair| pair == [0xff, code]).unwrap();
+    let (frame, scan) = (find(&luma, 0xc0), find(&luma, 0xda));
+    let mut bytes = luma[..frame].to_vec();
+    bytes.extend([0xff, 0xc0, 0, 17, 8, 0, 90, 0, 120, 3]);
+    bytes.extend([1, 0x22, 0, 2, 0x11, 0, 3, 0x11, 0]);
+    let after_frame = frame + 2 + usize::from(luma[frame + 3]);
+    bytes.extend(&luma[after_frame..scan]);
+    for (id, of) in [(1, &luma), (2, &chroma), (3, &chroma)] {
+        bytes.extend([0xff, 0xda, 0, 8, 1, id, 0, 0, 63, 0]);
+        bytes.extend(&of[find(of, 0xda) + 10..of.len() - 2]);
+    }
+    bytes.extend([0xff, 0xd9]);
+    bytes
+}
+
+/// Cut short, but closed with an end marker: decoders fill in gray, which is no photo.
+#[test]
+fn cut_scans_with_an_end_marker_are_errors() {
+    let pixels = picture(120, 90);
+    let rgb: Vec<u8> = pixels.iter().flat_map(|&v| [v, 255 - v, 90]).collect();
+    let files = [
+        jpeg(120, 90, &pixels, ExtendedColorType::L8),
+        jpeg(120, 90, &rgb, ExtendedColorType::Rgb8),
+        one_scan_per_channel(),
+        include_bytes!("testdata/restarts.jpg").to_vec(),
+        include_bytes!("testdata/progressive.jpg").to_vec(),
+    ];
+    for (number, bytes) in files.iter().enumerate() {
+        decode_image(bytes, &LIMITS).unwrap_or_else(|e| panic!("file {number}: {e}"));
+        let scans: Vec<_> =
+            (0..bytes.len()).filter(|&at| bytes[at..].starts_with(&[0xff, 0xda])).collect();
+        let is_progressive = number == 4;
+        let end = if is_progressive { scans[scans.len() - 1] } else { bytes.len() - 2 };
+        for end in scans[0]..end {
+            let cut = [&bytes[..end], &[0xff, 0xd9]].concat();
+            let code = decode_image(&cut, &LIMITS).map_err(|error| error.code()).err();
+            // Between the scans of a progressive photo a cut may make nonsense of a table.
+            let is_named = code == Some("truncated") || is_progressive && code == Some("damaged");
+            assert!(is_named, "file {number} cut at {end} of {}: {code:?}", bytes.len());
+        }
+    }
+}
+
 #[test]
 fn damaged_bytes_never_panic() {
     let rgb: Vec<u8> = picture(24, 24).iter().flat_map(|&v| [v, 255 - v, 90]).collect();

@@ -1,0 +1,10 @@
+//! The service as a user meets it: the program itself, over REST, with real workers.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod bad_input;
+mod cancel;
+mod crash;
+mod journey;
+mod server;
