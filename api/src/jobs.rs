@@ -237,6 +237,20 @@ pub struct EventsQuery {
     pub limit: Option<u32>,
 }
 
+/// Which part of a log.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct LogQuery {
+    /// Events with greater numbers only.
+    pub after: Option<u64>,
+    /// Most events to look at, 1 to 1000.
+    #[param(minimum = 1, maximum = 1000)]
+    pub limit: Option<u32>,
+    /// Least weight of a line: `info`, `warn` or `error`.
+    pub level: Option<String>,
+}
+
 /// Which jobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -245,6 +259,8 @@ pub struct JobsQuery {
     /// Only jobs in this state: `queued`, `running`, `succeeded`, `partial`, `failed`,
     /// `cancelled`.
     pub state: Option<String>,
+    /// Only jobs of this kind: `reconstruct`.
+    pub kind: Option<String>,
     /// Most items to answer, 1 to 1000; 100 when absent.
     #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,

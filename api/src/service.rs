@@ -177,6 +177,8 @@ pub struct Limits {
     pub header_timeout_s: u64,
     /// Seconds a body may pause.
     pub body_idle_timeout_s: u64,
+    /// Bytes per second that a body must bring on average, beyond a first pause.
+    pub body_min_bytes_per_s: u64,
     /// Bytes of disk that stay free.
     pub disk_reserve_bytes: u64,
 }

@@ -27,7 +27,7 @@ pub(crate) fn summarize(
     error: Option<&PipelineError>,
     clock: &Stopwatch,
 ) -> Summary {
-    let images = image_reports(spec, trace, map);
+    let images = image_reports(spec, trace, map, error);
     let quality = match (map, error) {
         (Some(map), _) => map.quality.clone(),
         (None, error) => failed(error),
@@ -87,7 +87,23 @@ fn failed(error: Option<&PipelineError>) -> Quality {
     Quality { verdict: Verdict::Failed, reasons: reason.into_iter().collect() }
 }
 
-fn image_reports(spec: &JobSpec, trace: &Trace, map: Option<&EnvironmentMap>) -> Vec<ImageReport> {
+/// Why an image has no pose when no image has one; `None` where the input or the disk is to blame.
+fn reason_of_failure(error: &PipelineError) -> Option<UnplacedReason> {
+    match error.code.as_str() {
+        code::NO_OVERLAP => Some(UnplacedReason::NoOverlap),
+        code::NO_PARALLAX => Some(UnplacedReason::NoParallax),
+        code::TOO_FEW_FEATURES => Some(UnplacedReason::TooFewFeatures),
+        code::NO_IMAGES | code::TOO_FEW_IMAGES | code::BAD_INPUT | code::IO => None,
+        _ => Some(UnplacedReason::Ambiguous),
+    }
+}
+
+fn image_reports(
+    spec: &JobSpec,
+    trace: &Trace,
+    map: Option<&EnvironmentMap>,
+    error: Option<&PipelineError>,
+) -> Vec<ImageReport> {
     let Some(ingested) = &trace.ingested else { return Vec::new() };
     let unplaced: BTreeMap<ImageId, UnplacedReason> = map
         .iter()
@@ -121,9 +137,10 @@ fn image_reports(spec: &JobSpec, trace: &Trace, map: Option<&EnvironmentMap>) ->
                 let photo = &ingested.usable[*i].photo;
                 let id = ImageId(*i as u32);
                 let image = map.and_then(|map| map.model.images.get(&id));
-                let reason = unplaced.get(&id).map(|reason| match reason {
+                let reason = unplaced.get(&id).copied().or(error.and_then(reason_of_failure));
+                let reason = reason.map(|reason| match reason {
                     UnplacedReason::TooFewFeatures if photo.is_blurred() => UnplacedReason::Blurred,
-                    other => *other,
+                    other => other,
                 });
                 let (num_observations, reprojection_px) =
                     image.zip(map).map_or((0, None), |(image, map)| support(image, map));

@@ -232,16 +232,20 @@ fn check_reconstruction(
     }
     let num_rotation_only =
         matched.pairs.iter().filter(|p| p.kind == TwoViewKind::RotationOnly).count();
+    let only_turned = num_rotation_only * 2 > matched.pairs.len();
     let (code, detail) = match reconstruction.quality.reasons.first() {
-        Some(reason) => (reason.code.as_str(), reason.detail.clone()),
-        None if num_rotation_only * 2 > matched.pairs.len() => {
+        // Few points are what comes of turning, not why.
+        Some(reason) if !(only_turned && reason.code == "few_points") => {
+            (reason.code.as_str(), reason.detail.clone())
+        }
+        _ if only_turned => {
             let detail = format!(
                 "in {num_rotation_only} of {} image pairs the camera only turned",
                 matched.pairs.len()
             );
             (code::NO_PARALLAX, detail)
         }
-        None => (code::NO_MODEL, "no part of the scene could be built".to_owned()),
+        _ => (code::NO_MODEL, "no part of the scene could be built".to_owned()),
     };
     Err(PipelineError::new(code, detail, advice_for(code)))
 }

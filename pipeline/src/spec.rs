@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+pub use volery_api::{Preset, StageGroup};
 use volery_geometry::{Camera, CameraError, CameraModel};
 use volery_scene::{ImagePrior, KnownDistance, OriginRule};
 
@@ -39,21 +40,17 @@ impl From<&Camera> for CameraSpec {
 }
 
 /// One photo of a job.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ImageInput {
     /// Unique name; the order of the images is the order of capture.
     pub name: String,
     /// Its bytes.
     pub path: PathBuf,
     /// Its calibration; kept fixed. Otherwise [`JobSpec::camera`], EXIF or a guess.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraSpec>,
     /// Images without calibration share a camera only within a group.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_group: Option<String>,
     /// What else is known of it.
-    #[serde(default)]
     pub prior: ImagePrior,
 }
 
@@ -70,54 +67,25 @@ impl ImageInput {
     }
 }
 
-/// How much effort a map is worth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Preset {
-    /// Small images and few features: a look.
-    Fast,
-    /// The default.
-    #[default]
-    Balanced,
-    /// Full-size images, more features and pairs.
-    Best,
-}
-
-/// Parts of the way from photos to a full environment map.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum StageGroup {
-    /// Photos to a sparse metric map.
-    Sfm,
-}
-
-/// A reconstruction, as `job.json` holds it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A reconstruction.
+#[derive(Debug, Clone, PartialEq)]
 pub struct JobSpec {
     /// Photos in the order of capture.
     pub images: Vec<ImageInput>,
     /// Calibration of all photos that have none of their own; kept fixed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraSpec>,
     /// Measured distances between cameras.
-    #[serde(default)]
     pub known_distances: Vec<KnownDistance>,
     /// Effort.
-    #[serde(default)]
     pub preset: Preset,
     /// Of all random choices.
-    #[serde(default)]
     pub seed: u64,
     /// Which point becomes the origin; `None` keeps the frame of position priors if there are
     /// any and else takes the last camera.
-    #[serde(default)]
     pub origin: Option<OriginRule>,
     /// Photos are made smaller until no side is longer, pixels; `None` leaves it to the preset.
-    #[serde(default)]
     pub max_image_size: Option<u32>,
     /// Empty means all there are.
-    #[serde(default)]
     pub stages: Vec<StageGroup>,
 }
 

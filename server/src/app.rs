@@ -9,7 +9,7 @@ use axum::{
     middleware::{Next, from_fn_with_state},
     response::{IntoResponse, Response},
 };
-use tower_http::{catch_panic::CatchPanicLayer, timeout::RequestBodyTimeoutLayer};
+use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::{
     OpenApi,
     openapi::{
@@ -23,6 +23,7 @@ use volery_api::{PROBLEM_JSON, Problem, ws};
 
 use crate::{
     error::{ApiError, Code},
+    pace::keep_pace,
     routes::{
         cameras, exports, images, imagesets, jobs, localize, maps, priors, service, tokens, uploads,
     },
@@ -45,6 +46,7 @@ struct Description;
 /// Routes that answer at once.
 fn quick_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::with_openapi(Description::openapi())
+        .routes(routes!(service::front_page))
         .routes(routes!(service::healthz))
         .routes(routes!(service::readyz))
         .routes(routes!(service::openapi_yaml))
@@ -54,7 +56,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(tokens::delete_token))
         .routes(routes!(cameras::create_camera, cameras::list_cameras))
         .routes(routes!(cameras::camera_models))
-        .routes(routes!(cameras::get_camera))
+        .routes(routes!(cameras::get_camera, cameras::put_camera))
         .routes(routes!(imagesets::create_imageset, imagesets::list_imagesets))
         .routes(routes!(
             imagesets::get_imageset,
@@ -128,7 +130,6 @@ pub fn openapi_yaml() -> String {
 /// Every route with everything around it.
 pub(crate) fn router(app: Arc<App>) -> Router {
     let limits = &app.config.limits;
-    let idle = std::time::Duration::from_secs(limits.body_idle_timeout_s);
     // A photo among other parts of a form.
     let form = limits.image_bytes + limits.json_bytes;
     let upload = limits.archive_bytes.max(limits.upload_bytes);
@@ -144,7 +145,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .method_not_allowed_fallback(|| async {
             ApiError::new(Code::MethodNotAllowed, "the route does not know this method")
         })
-        .layer(RequestBodyTimeoutLayer::new(idle))
+        .layer(from_fn_with_state(Arc::clone(&app), keep_pace))
         .layer(CatchPanicLayer::custom(answer_panic))
         .layer(from_fn_with_state(Arc::clone(&app), finish))
         .with_state(app)

@@ -138,6 +138,7 @@ fn default_limits() -> Limits {
         connections_per_address: 64,
         header_timeout_s: 10,
         body_idle_timeout_s: 30,
+        body_min_bytes_per_s: 1024,
         disk_reserve_bytes: 512 << 20,
     }
 }

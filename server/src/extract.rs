@@ -108,7 +108,7 @@ pub(crate) fn stream_error(error: &(dyn std::error::Error + 'static)) -> ApiErro
             return ApiError::new(Code::TooLarge, "the body is larger than this route takes")
                 .hint("/v1/info lists the limits");
         }
-        if error.is::<tower_http::timeout::TimeoutError>() {
+        if error.is::<crate::pace::TooSlow>() {
             return ApiError::new(Code::RequestTimeout, "the body came too slowly");
         }
         cause = error.source();

@@ -5,6 +5,7 @@
 //! limits, by the protocol of [`volery_api::worker`].
 
 mod accept;
+mod answer;
 mod app;
 mod auth;
 mod clock;
@@ -14,6 +15,7 @@ mod extract;
 mod idempotency;
 mod jobs;
 mod metrics;
+mod pace;
 mod routes;
 mod run;
 mod state;

@@ -102,7 +102,7 @@ pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
     let tasks = vec![
         tokio::spawn(accept::accept(listener, router, Arc::clone(&app))),
         tokio::spawn(jobs::run_jobs(Arc::clone(&app))),
-        tokio::spawn(collect_blobs(Arc::clone(&app))),
+        tokio::spawn(clean_up(Arc::clone(&app))),
     ];
     tracing::info!(%addr, "listening on {addr}");
     Ok(RunningServer { addr, admin_token, app, tasks, _lock: lock })
@@ -125,12 +125,15 @@ pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result
 }
 
 /// Frees the space of what was deleted, once an hour.
-async fn collect_blobs(app: Arc<App>) {
+async fn clean_up(app: Arc<App>) {
     let mut hour = tokio::time::interval(Duration::from_secs(3600));
     loop {
         tokio::select! {
             _ = hour.tick() => {}
             () = app.closing.cancelled() => return,
+        }
+        if let Err(error) = app.drop_stale_map_folders().await {
+            tracing::warn!(error = %error.detail, "cannot delete old map folders");
         }
         match app.store.collect_blobs(&app.blobs, BLOB_AGE).await {
             Ok(0) => {}

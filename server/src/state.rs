@@ -84,6 +84,33 @@ impl App {
         Ok(folder)
     }
 
+    /// Deletes what programs have read of a map that is gone. Whoever has a file open keeps it.
+    pub(crate) async fn drop_map_folder(&self, map: Uuid) {
+        let folder = self.config.data.join("maps").join(map.to_string());
+        if let Err(error) = tokio::fs::remove_dir_all(&folder).await
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            tracing::warn!(map = %map, %error, "cannot delete the folder of map {map}");
+        }
+    }
+
+    /// Deletes folders of maps that are gone: a crash or a question on its way may leave one.
+    pub(crate) async fn drop_stale_map_folders(&self) -> ApiResult<()> {
+        let mut folders = match tokio::fs::read_dir(self.config.data.join("maps")).await {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            folders => folders?,
+        };
+        while let Some(folder) = folders.next_entry().await? {
+            let name = folder.file_name();
+            if let Some(map) = name.to_str().and_then(|name| Uuid::parse_str(name).ok())
+                && !self.store.has_map(map).await?
+            {
+                self.drop_map_folder(map).await;
+            }
+        }
+        Ok(())
+    }
+
     /// Runs blocking work on the blobs.
     pub(crate) async fn with_blobs<T: Send + 'static>(
         &self,

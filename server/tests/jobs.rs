@@ -40,6 +40,10 @@ async fn photos_become_a_map() {
     assert_eq!(events.last().unwrap()["data"]["state"], "succeeded");
     let log = client.get(&format!("/v1/jobs/{id}/log")).await.expect(200);
     assert!(String::from_utf8_lossy(&log.body).contains("info the map is written"));
+    let errors = client.get(&format!("/v1/jobs/{id}/log?level=error")).await.expect(200);
+    assert_eq!(String::from_utf8_lossy(&errors.body), "");
+    let odd = client.get(&format!("/v1/jobs/{id}/log?level=loud")).await.expect(422);
+    assert_eq!(odd.code(), "bad_level");
     let report = client.get(&format!("/v1/jobs/{id}/report")).await.expect(303);
     client.get(report.header("location").unwrap()).await.expect(200);
 

@@ -168,8 +168,13 @@ async fn poses_of_a_map_are_listed() {
     let path = format!("/v1/maps/{map}");
     let renamed = client.json("PATCH", &path, &[], json!({"name": "yard"}));
     assert_eq!(renamed.await.expect(200).json()["name"], "yard");
+    // An archive is made from the files of a folder; it goes with the map.
+    client.get(&format!("/v1/maps/{map}/export/colmap.zip")).await.expect(200);
+    let folder = server.folder.0.join("data/maps").join(&map);
+    assert!(folder.exists());
     client.delete(&format!("/v1/maps/{map}")).await.expect(204);
     client.get(&format!("/v1/maps/{map}")).await.expect(404);
+    assert!(!folder.exists());
 }
 
 #[tokio::test]

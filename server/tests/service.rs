@@ -35,7 +35,7 @@ async fn token(client: &Client, role: &str) -> String {
 async fn every_route_asks_for_a_token_of_its_role() {
     let server = Server::start().await;
     let client = &server.client;
-    let open = ["/healthz", "/readyz", "/openapi.yaml"];
+    let open = ["/", "/healthz", "/readyz", "/openapi.yaml"];
     let viewer = client.with_token(Some(&token(client, "viewer").await));
     let mapper = client.with_token(Some(&token(client, "mapper").await));
     for (method, path) in operations() {
@@ -141,6 +141,7 @@ async fn errors_are_problems_with_stable_codes() {
         ("GET", "/v1/jobs?limits=5", "", 422, "unknown_field"),
         ("GET", "/v1/jobs?cursor=x", "", 422, "bad_cursor"),
         ("GET", "/v1/jobs?state=lost", "", 422, "bad_state"),
+        ("GET", "/v1/jobs?kind=fly", "", 422, "bad_kind"),
         ("POST", "/v1/imagesets", "{", 400, "bad_request"),
         ("POST", "/v1/imagesets", r#"{"name":"x","nme":"y"}"#, 422, "unknown_field"),
         ("POST", "/v1/imagesets", r#"{"name":7}"#, 422, "invalid_body"),
@@ -205,6 +206,67 @@ async fn a_body_that_pauses_is_given_up() {
     );
     let answer = server.client.raw(head.into_bytes()).await.expect(408);
     assert_eq!(answer.code(), "request_timeout");
+}
+
+/// Each byte comes in time, all of them never.
+#[tokio::test]
+async fn a_body_that_trickles_is_given_up() {
+    let server = Server::start_with(|config| {
+        config.limits.body_idle_timeout_s = 1;
+        config.limits.body_min_bytes_per_s = 1000;
+    })
+    .await;
+    let (addr, token) = (server.running.addr, server.client.token.clone().unwrap());
+    let answer = tokio::task::spawn_blocking(move || {
+        let mut stream = TcpStream::connect(addr).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+        let head = format!(
+            "POST /v1/imagesets HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\
+             Content-Type: application/json\r\nContent-Length: 10000\r\n\r\n{{"
+        );
+        stream.write_all(head.as_bytes()).unwrap();
+        let start = Instant::now();
+        let mut answer = [0; 12];
+        // The pause between two bytes is the time-out of the read.
+        while stream.read_exact(&mut answer).is_err() {
+            assert!(start.elapsed() < Duration::from_secs(20), "it waits for ever");
+            let _ = stream.write_all(b" ");
+        }
+        String::from_utf8_lossy(&answer).into_owned()
+    });
+    assert_eq!(answer.await.unwrap(), "HTTP/1.1 408");
+}
+
+#[tokio::test]
+async fn the_address_in_a_browser_says_where_to_begin() {
+    let server = Server::start().await;
+    let page = server.client.with_token(None).get("/").await.expect(200);
+    assert!(page.header("content-type").unwrap().starts_with("text/html"));
+    assert!(String::from_utf8_lossy(&page.body).contains("/openapi.yaml"));
+}
+
+#[tokio::test]
+async fn cameras_are_made_replaced_and_listed() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let camera = |focal: f64| {
+        json!({"model": "PINHOLE", "width": 640, "height": 480,
+            "params": [focal, focal, 320.0, 240.0]})
+    };
+    let body = json!({"name": "drone 1", "camera": camera(500.0)});
+    let made = client.post("/v1/cameras", body).await.expect(201);
+    let path = made.header("location").unwrap().to_owned();
+    assert_eq!(client.get(&path).await.expect(200).json(), made.json());
+    let body = json!({"name": "drone 1, calibrated", "camera": camera(457.0)});
+    let replaced = client.json("PUT", &path, &[], body).await.expect(200).json();
+    assert_eq!(replaced["id"], made.json()["id"]);
+    assert_eq!(replaced["camera"]["params"][0], 457.0);
+    assert_eq!(client.get("/v1/cameras").await.json()["items"], json!([replaced]));
+    let bad = json!({"name": "x", "camera": camera(-1.0)});
+    assert_eq!(client.json("PUT", &path, &[], bad).await.expect(422).code(), "bad_camera");
+    let nowhere = "/v1/cameras/01900000-0000-7000-8000-000000000000";
+    let body = json!({"name": "x", "camera": camera(1.0)});
+    client.json("PUT", nowhere, &[], body).await.expect(404);
 }
 
 #[tokio::test]

@@ -342,6 +342,28 @@ fn text<'a>(value: &'a Value, key: &str) -> &'a str {
     value[key].as_str().unwrap_or_default()
 }
 
+/// SQL and HTTP status codes have their rooms in the server.
+#[test]
+fn words_stay_in_their_rooms() {
+    let root = repository_root().join("server/src");
+    let rooms: [(&str, &[&str]); 2] = [
+        ("sqlx", &["store", "error.rs"]),
+        ("StatusCode", &["error.rs", "answer.rs", "extract.rs", "routes/files.rs"]),
+    ];
+    let mut strays = Vec::new();
+    for file in rust_files(&root) {
+        let source = std::fs::read_to_string(&file).unwrap();
+        let code = without_tests(&blank_comments_and_literals(&source));
+        let path = file.strip_prefix(&root).unwrap();
+        for (word, rooms) in rooms {
+            if has_token(&code, word) && !rooms.iter().any(|room| path.starts_with(room)) {
+                strays.push(format!("{word} in {}", path.display()));
+            }
+        }
+    }
+    assert!(strays.is_empty(), "{}", strays.join("\n"));
+}
+
 /// Our packages with their direct dependencies (not those of tests).
 fn direct_dependencies(metadata: &Value) -> BTreeMap<String, BTreeSet<String>> {
     let members: BTreeSet<&str> = metadata["workspace_members"]

@@ -51,6 +51,17 @@ impl Client {
         self.call(Method::POST, "/v1/cameras", &body).await
     }
 
+    /// Another name and other intrinsics for a kept camera.
+    pub async fn replace_camera(
+        &self,
+        id: Uuid,
+        name: &str,
+        camera: Camera,
+    ) -> Result<StoredCamera, ClientError> {
+        let body = CreateCamera { name: name.to_owned(), camera };
+        self.call(Method::PUT, &format!("/v1/cameras/{id}"), &body).await
+    }
+
     /// All kept cameras.
     pub async fn cameras(&self) -> Result<Vec<StoredCamera>, ClientError> {
         self.list("/v1/cameras").await

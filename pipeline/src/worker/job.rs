@@ -8,11 +8,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volery_api::worker::{JOB_FILE, JobLine, JobResult, OUT_FOLDER};
+use volery_api::worker::{JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER};
 use volery_scene::{Progress, Stage};
 
-use super::parent;
-use crate::{JobSpec, PipelineError, Summary, error::code, reconstruct};
+use super::{parent, wire};
+use crate::{PipelineError, Summary, error::code, reconstruct};
 
 /// Finished units, beside the map folder.
 const CACHE_FOLDER: &str = "cache";
@@ -53,11 +53,9 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<Summary, PipelineError> {
     let _lock = lock(&work_dir.join(LOCK_FILE))?;
     let path = work_dir.join(JOB_FILE);
     let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
-    let mut spec: JobSpec = serde_json::from_slice(&bytes)
+    let spec: JobSpec = serde_json::from_slice(&bytes)
         .map_err(|e| PipelineError::plain(code::BAD_INPUT, format!("{JOB_FILE}: {e}")))?;
-    for image in &mut spec.images {
-        image.path = work_dir.join(&image.path); // An absolute path stays as it is.
-    }
+    let spec = wire::job_spec(spec, work_dir)?;
     reconstruct(&spec, &work_dir.join(CACHE_FOLDER), &work_dir.join(OUT_FOLDER), lines)
 }
 

@@ -6,6 +6,7 @@ mod image_work;
 mod job;
 mod parent;
 mod requests;
+mod wire;
 
 pub use answer::{localization, not_found};
 pub use image_work::{Query, QueryError, query_image};

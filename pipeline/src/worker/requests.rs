@@ -21,10 +21,10 @@ use volery_formats::{
     DecodeLimits, ImageFormat, colmap::write_colmap_binary, decode_image, read_exif, write_glb,
     write_transforms_json,
 };
-use volery_geometry::{Camera, CameraModel, Point3};
+use volery_geometry::{Camera, Point3};
 use volery_localization::{LocalizationPrior, LocalizeOptions};
 
-use super::{align::align_folder, answer::localization, image_work::query_image, parent};
+use super::{align::align_folder, answer::localization, image_work::query_image, parent, wire};
 use crate::{
     PipelineError,
     cache::write_atomic,
@@ -197,10 +197,8 @@ fn localize(
 }
 
 fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {
-    let model = CameraModel::from_name(&camera.model)
-        .ok_or_else(|| failure("bad_request", format!("unknown model {:?}", camera.model)))?;
-    Camera::new(model, camera.width, camera.height, &camera.params)
-        .map_err(|e| failure("bad_request", e.to_string()))
+    let spec = wire::camera(camera.clone()).map_err(of_pipeline)?;
+    spec.camera().map_err(|e| failure("bad_camera", e.to_string()))
 }
 
 fn export(map_dir: &Path, format: &str, out: &Path) -> Result<(), WorkerFailure> {

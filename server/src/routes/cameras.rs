@@ -2,16 +2,13 @@
 
 use std::sync::Arc;
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderMap, StatusCode},
-};
+use axum::{Json, extract::State, http::HeaderMap};
 use uuid::Uuid;
 use volery_api::{CAMERA_MODELS, Camera, CameraModel, CreateCamera, Page, PageQuery, StoredCamera};
 
 use super::tokens::check_name;
 use crate::{
+    answer::Created,
     auth::{Mapper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
@@ -29,11 +26,12 @@ pub(crate) async fn create_camera(
     Mapper(caller): Mapper,
     headers: HeaderMap,
     Body(request): Body<CreateCamera>,
-) -> ApiResult<(StatusCode, Json<StoredCamera>)> {
+) -> ApiResult<Created<StoredCamera>> {
     check_name(&request.name)?;
     check_camera(&request.camera)?;
     let identity = Identity::of(&caller, "cameras", &headers)?;
-    Ok((StatusCode::CREATED, Json(app.store.insert_camera(&identity, &request).await?)))
+    let camera = app.store.insert_camera(&identity, &request).await?;
+    Ok(Created(format!("/v1/cameras/{}", camera.id), camera))
 }
 
 /// Lists cameras.
@@ -58,6 +56,22 @@ pub(crate) async fn get_camera(
     At(id): At<Uuid>,
 ) -> ApiResult<Json<StoredCamera>> {
     Ok(Json(app.store.camera(id).await?))
+}
+
+/// Replaces the name and the intrinsics of a camera. Jobs that start from now on use them; maps
+/// keep what they were made with.
+#[utoipa::path(put, path = "/v1/cameras/{id}", tag = "cameras", request_body = CreateCamera,
+    params(("id" = Uuid, Path, description = "Of the camera")),
+    responses((status = 200, description = "The camera", body = StoredCamera)))]
+pub(crate) async fn put_camera(
+    State(app): State<Arc<App>>,
+    _caller: Mapper,
+    At(id): At<Uuid>,
+    Body(request): Body<CreateCamera>,
+) -> ApiResult<Json<StoredCamera>> {
+    check_name(&request.name)?;
+    check_camera(&request.camera)?;
+    Ok(Json(app.store.replace_camera(id, &request).await?))
 }
 
 /// Camera models with the order of their parameters.

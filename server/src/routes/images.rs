@@ -2,17 +2,13 @@
 
 use std::sync::Arc;
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderMap, StatusCode},
-    response::Response,
-};
+use axum::{Json, extract::State, http::HeaderMap, response::Response};
 use uuid::Uuid;
 use volery_api::{Image, Page, PageQuery};
 
 use super::files::{FileAnswer, answer_file};
 use crate::{
+    answer::Deleted,
     auth::{Mapper, Viewer},
     error::{ApiError, ApiResult},
     extract::{Asked, At},
@@ -76,9 +72,9 @@ pub(crate) async fn delete_image(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<StatusCode> {
+) -> ApiResult<Deleted> {
     if app.store.delete_image(id).await? {
-        Ok(StatusCode::NO_CONTENT)
+        Ok(Deleted)
     } else {
         Err(ApiError::not_found("image", id))
     }

@@ -2,16 +2,13 @@
 
 use std::sync::Arc;
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderMap, StatusCode, header},
-};
+use axum::{Json, extract::State, http::HeaderMap};
 use uuid::Uuid;
 use volery_api::{CreateImageSet, ImageSet, Page, PageQuery, PatchImageSet};
 
 use super::tokens::check_name;
 use crate::{
+    answer::{Created, Deleted},
     auth::{Mapper, Viewer},
     error::{ApiError, ApiResult},
     extract::{Asked, At, Body},
@@ -29,12 +26,11 @@ pub(crate) async fn create_imageset(
     Mapper(caller): Mapper,
     headers: HeaderMap,
     Body(request): Body<CreateImageSet>,
-) -> ApiResult<(StatusCode, [(header::HeaderName, String); 1], Json<ImageSet>)> {
+) -> ApiResult<Created<ImageSet>> {
     check_name(&request.name)?;
     let identity = Identity::of(&caller, "imagesets", &headers)?;
     let set = app.store.insert_imageset(&identity, &request).await?;
-    let location = format!("/v1/imagesets/{}", set.id);
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(set)))
+    Ok(Created(format!("/v1/imagesets/{}", set.id), set))
 }
 
 /// Lists image sets.
@@ -86,9 +82,9 @@ pub(crate) async fn delete_imageset(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<StatusCode> {
+) -> ApiResult<Deleted> {
     if app.store.delete_imageset(id).await? {
-        Ok(StatusCode::NO_CONTENT)
+        Ok(Deleted)
     } else {
         Err(ApiError::not_found("image set", id))
     }

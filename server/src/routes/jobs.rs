@@ -5,16 +5,18 @@ use std::sync::Arc;
 use axum::{
     Json,
     extract::State,
-    http::{HeaderMap, HeaderName, StatusCode, header},
+    http::{HeaderMap, header},
     response::{IntoResponse, Redirect, Response},
 };
 use uuid::Uuid;
 use volery_api::{
-    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobState, JobsQuery, KnownDistance, Page,
+    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobState, JobsQuery, KnownDistance, LogQuery,
+    Page,
 };
 
 use super::{cameras::check_camera, tokens::check_name};
 use crate::{
+    answer::{Accepted, Deleted},
     auth::{Mapper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
@@ -32,14 +34,17 @@ pub(crate) async fn create_job(
     Mapper(caller): Mapper,
     headers: HeaderMap,
     Body(request): Body<CreateJob>,
-) -> ApiResult<(StatusCode, [(HeaderName, String); 1], Json<Job>)> {
+) -> ApiResult<Accepted<Job>> {
     check_request(&app, &request).await?;
     let identity = Identity::of(&caller, "jobs", &headers)?;
     let (attempts, queued) = (app.config.jobs.max_attempts, app.config.limits.queued_jobs);
     let job = app.store.insert_job(&identity, &request, attempts, queued).await?;
     app.job_queued.notify_one();
-    let location = format!("/v1/jobs/{}", job.id);
-    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(job)))
+    Ok(accepted(job))
+}
+
+fn accepted(job: Job) -> Accepted<Job> {
+    Accepted(format!("/v1/jobs/{}", job.id), job)
 }
 
 async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
@@ -101,6 +106,10 @@ pub(crate) async fn list_jobs(
             ApiError::new(Code::Unprocessable("bad_state"), format!("no state is {name:?}"))
         })
     });
+    if let Some(kind) = query.kind.filter(|kind| kind != "reconstruct") {
+        let detail = format!("no kind of job is {kind:?}");
+        return Err(ApiError::new(Code::Unprocessable("bad_kind"), detail));
+    }
     Ok(Json(app.store.jobs(state.transpose()?, at).await?))
 }
 
@@ -124,10 +133,10 @@ pub(crate) async fn cancel_job(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<(StatusCode, Json<Job>)> {
+) -> ApiResult<Accepted<Job>> {
     let job = app.store.cancel_job(id).await?;
     app.job_cancelled.notify_waiters();
-    Ok((StatusCode::ACCEPTED, Json(job)))
+    Ok(accepted(job))
 }
 
 /// Runs a failed, cancelled or partial job again. What it has finished is not done again.
@@ -138,10 +147,10 @@ pub(crate) async fn retry_job(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<(StatusCode, Json<Job>)> {
+) -> ApiResult<Accepted<Job>> {
     let job = app.store.retry_job(id).await?;
     app.job_queued.notify_one();
-    Ok((StatusCode::ACCEPTED, Json(job)))
+    Ok(accepted(job))
 }
 
 /// Forgets a finished job with its events and its work folder. Its map stays.
@@ -152,14 +161,14 @@ pub(crate) async fn delete_job(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<StatusCode> {
+) -> ApiResult<Deleted> {
     app.store.delete_job(id).await?;
     if let Err(error) = tokio::fs::remove_dir_all(app.job_folder(id)).await
         && error.kind() != std::io::ErrorKind::NotFound
     {
         tracing::warn!(job = %id, %error, "cannot delete the work folder of job {id}");
     }
-    Ok(StatusCode::NO_CONTENT)
+    Ok(Deleted)
 }
 
 /// What happened to a job, in order.
@@ -189,17 +198,27 @@ async fn read_events(app: &App, id: Uuid, query: &EventsQuery) -> ApiResult<Vec<
 
 /// The log of a job as text, one line per entry.
 #[utoipa::path(get, path = "/v1/jobs/{id}/log", tag = "jobs",
-    params(EventsQuery, ("id" = Uuid, Path, description = "Of the job")),
+    params(LogQuery, ("id" = Uuid, Path, description = "Of the job")),
     responses((status = 200, description = "The log", body = String, content_type = "text/plain")))]
 pub(crate) async fn job_log(
     State(app): State<Arc<App>>,
     _caller: Viewer,
     At(id): At<Uuid>,
-    Asked(query): Asked<EventsQuery>,
+    Asked(LogQuery { after, limit, level }): Asked<LogQuery>,
 ) -> ApiResult<Response> {
+    const LEVELS: [&str; 3] = ["info", "warn", "error"];
+    let rank = |level: &str| LEVELS.iter().position(|known| *known == level);
+    let least = rank(level.as_deref().unwrap_or("info")).ok_or_else(|| {
+        let detail = format!("levels are {}", LEVELS.join(", "));
+        ApiError::new(Code::Unprocessable("bad_level"), detail)
+    })?;
     let mut text = String::new();
-    for event in read_events(&app, id, &query).await? {
+    for event in read_events(&app, id, &EventsQuery { after, limit }).await? {
         let field = |name: &str| event.data[name].as_str().unwrap_or_default();
+        let level = if event.kind == "job.log" { field("level") } else { "info" };
+        if rank(level).unwrap_or(0) < least {
+            continue;
+        }
         let line = match event.kind.as_str() {
             "job.log" => format!("{} {} {}\n", event.time, field("level"), field("message")),
             "job.state" => format!("{} info job {}\n", event.time, field("state")),

@@ -2,11 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderMap, StatusCode},
-};
+use axum::{Json, extract::State, http::HeaderMap};
 use uuid::Uuid;
 use volery_api::{
     ActivateMap, AlignRequest, Aligned, Camera, CameraPose, Map, MapCamera, MapCameras, MapVersion,
@@ -15,6 +11,7 @@ use volery_api::{
 
 use super::tokens::check_name;
 use crate::{
+    answer::{Created, Deleted},
     auth::{Mapper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
@@ -74,12 +71,12 @@ pub(crate) async fn delete_map(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
-) -> ApiResult<StatusCode> {
-    if app.store.delete_map(id).await? {
-        Ok(StatusCode::NO_CONTENT)
-    } else {
-        Err(ApiError::not_found("map", id))
+) -> ApiResult<Deleted> {
+    if !app.store.delete_map(id).await? {
+        return Err(ApiError::not_found("map", id));
     }
+    app.drop_map_folder(id).await;
+    Ok(Deleted)
 }
 
 /// Lists the versions of a map.
@@ -123,14 +120,14 @@ pub(crate) async fn align_map(
     Asked(query): Asked<VersionQuery>,
     headers: HeaderMap,
     Body(align): Body<AlignRequest>,
-) -> ApiResult<(StatusCode, Json<Aligned>)> {
+) -> ApiResult<Created<Aligned>> {
     check_align(&align)?;
     let identity = Identity::of(&caller, &format!("maps/{id}/align"), &headers)?;
     let text = serde_json::to_string(&align)?;
     if identity.keyed
         && let Some((version, residuals)) = app.store.version_by_key(&identity, &text).await?
     {
-        return Ok((StatusCode::CREATED, Json(Aligned { version, residuals })));
+        return Ok(aligned(version, residuals));
     }
     let parent = app.store.version(id, query.version).await?;
     let map_dir = app.map_folder(&parent).await?;
@@ -172,7 +169,12 @@ pub(crate) async fn align_map(
             request: Some((identity.id.to_string(), text)),
         })
         .await?;
-    Ok((StatusCode::CREATED, Json(Aligned { version, residuals })))
+    Ok(aligned(version, residuals))
+}
+
+fn aligned(version: MapVersion, residuals: serde_json::Value) -> Created<Aligned> {
+    let location = format!("/v1/maps/{}/versions", version.map_id);
+    Created(location, Aligned { version, residuals })
 }
 
 fn check_align(align: &AlignRequest) -> ApiResult<()> {

@@ -5,13 +5,20 @@ use std::sync::Arc;
 use axum::{
     Json,
     extract::State,
-    http::{StatusCode, header},
-    response::{IntoResponse, Response},
+    http::header,
+    response::{Html, IntoResponse, Response},
 };
 use volery_api::{Capabilities, Health, HealthCheck, Info};
 
 use super::exports::EXPORTS;
-use crate::{app, auth::Viewer, clock, error::ApiResult, state::App};
+use crate::{answer::Unready, app, auth::Viewer, clock, error::ApiResult, state::App};
+
+/// Where to begin, for people who open the address in a browser.
+#[utoipa::path(get, path = "/", tag = "service", security(()),
+    responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
+pub(crate) async fn front_page() -> Html<&'static str> {
+    Html(include_str!("front_page.html"))
+}
 
 /// Whether the process lives.
 #[utoipa::path(get, path = "/healthz", tag = "service", security(()),
@@ -40,8 +47,8 @@ pub(crate) async fn readyz(State(app): State<Arc<App>>) -> Response {
     let checks = vec![check("database", database), check("disk", disk), check("worker", worker)];
     let ready = checks.iter().all(|check| check.ok) && !app.closing.is_cancelled();
     let status = if ready { "ok" } else { "unavailable" };
-    let code = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (code, Json(Health { status: status.to_owned(), checks })).into_response()
+    let health = Health { status: status.to_owned(), checks };
+    if ready { Json(health).into_response() } else { Unready(health).into_response() }
 }
 
 /// What the service is, can do, and refuses.

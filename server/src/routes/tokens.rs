@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use axum::{Json, extract::State, http::StatusCode};
+use axum::{Json, extract::State};
 use uuid::Uuid;
 use volery_api::{CreateToken, CreatedToken, Page, PageQuery, Token};
 
 use crate::{
+    answer::{Created, Deleted},
     auth::{Admin, hash_secret, new_secret},
     clock,
     error::{ApiError, ApiResult, Code},
@@ -22,7 +23,7 @@ pub(crate) async fn create_token(
     State(app): State<Arc<App>>,
     _caller: Admin,
     Body(request): Body<CreateToken>,
-) -> ApiResult<(StatusCode, Json<CreatedToken>)> {
+) -> ApiResult<Created<CreatedToken>> {
     check_name(&request.name)?;
     let expires_ms = match request.expires_in_s {
         None => None,
@@ -39,7 +40,8 @@ pub(crate) async fn create_token(
     let secret = new_secret()?;
     let hash = hash_secret(&secret);
     let token = app.store.insert_token(&request.name, request.role, &hash, expires_ms).await?;
-    Ok((StatusCode::CREATED, Json(CreatedToken { token, secret })))
+    let location = format!("/v1/tokens/{}", token.id);
+    Ok(Created(location, CreatedToken { token, secret }))
 }
 
 /// Lists tokens without their secrets.
@@ -62,9 +64,9 @@ pub(crate) async fn delete_token(
     State(app): State<Arc<App>>,
     _caller: Admin,
     At(id): At<Uuid>,
-) -> ApiResult<StatusCode> {
+) -> ApiResult<Deleted> {
     if app.store.delete_token(id).await? {
-        Ok(StatusCode::NO_CONTENT)
+        Ok(Deleted)
     } else {
         Err(ApiError::not_found("token", id))
     }

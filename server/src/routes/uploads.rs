@@ -6,7 +6,8 @@ use axum::{
     Json, RequestExt,
     body::Body,
     extract::{FromRequest, Multipart, Request, State},
-    http::{HeaderMap, StatusCode, header},
+    http::{HeaderMap, header},
+    response::{IntoResponse, Response},
 };
 use futures_util::StreamExt;
 use tokio::io::AsyncWriteExt;
@@ -19,13 +20,12 @@ use super::{
     zips::ingest_archive,
 };
 use crate::{
+    answer::PartlyDone,
     auth::Mapper,
     error::{ApiError, ApiResult, Code},
     extract::{At, json_header, media_type, multipart_error, stream_error},
     state::App,
 };
-
-type Uploaded = (StatusCode, Json<UploadReport>);
 
 /// Adds photos to a set.
 ///
@@ -46,7 +46,7 @@ pub(crate) async fn upload_images(
     _caller: Mapper,
     At(id): At<Uuid>,
     request: Request,
-) -> ApiResult<Uploaded> {
+) -> ApiResult<Response> {
     app.store.imageset(id).await?;
     match media_type(request.headers()).as_deref() {
         Some("multipart/form-data") => {
@@ -79,7 +79,7 @@ pub(crate) async fn upload_archive(
     _caller: Mapper,
     At(id): At<Uuid>,
     request: Request,
-) -> ApiResult<Uploaded> {
+) -> ApiResult<Response> {
     app.store.imageset(id).await?;
     if !matches!(
         media_type(request.headers()).as_deref(),
@@ -96,7 +96,7 @@ pub(crate) async fn upload_archive(
     }
 }
 
-async fn upload_one(app: &App, id: Uuid, request: Request) -> ApiResult<Uploaded> {
+async fn upload_one(app: &App, id: Uuid, request: Request) -> ApiResult<Response> {
     let headers = request.headers();
     let prior: Option<Prior> = json_header(headers, "x-pose-prior")?;
     prior.as_ref().map_or(Ok(()), check_prior)?;
@@ -119,7 +119,7 @@ async fn upload_one(app: &App, id: Uuid, request: Request) -> ApiResult<Uploaded
     answer(vec![result])
 }
 
-async fn upload_multipart(app: &App, id: Uuid, mut parts: Multipart) -> ApiResult<Uploaded> {
+async fn upload_multipart(app: &App, id: Uuid, mut parts: Multipart) -> ApiResult<Response> {
     let mut results = Vec::new();
     while let Some(mut field) = parts.next_field().await.map_err(|e| multipart_error(&e))? {
         let name = field.file_name().or(field.name()).unwrap_or_default().to_owned();
@@ -148,13 +148,15 @@ async fn upload_multipart(app: &App, id: Uuid, mut parts: Multipart) -> ApiResul
     answer(results)
 }
 
-fn answer(results: Vec<UploadResult>) -> ApiResult<Uploaded> {
+fn answer(results: Vec<UploadResult>) -> ApiResult<Response> {
     if results.is_empty() {
         return Err(ApiError::new(Code::Unprocessable("no_files"), "the body holds no file"));
     }
     let report = report(results);
-    let status = if report.rejected == 0 { StatusCode::OK } else { StatusCode::MULTI_STATUS };
-    Ok((status, Json(report)))
+    Ok(match report.rejected {
+        0 => Json(report).into_response(),
+        _ => PartlyDone(report).into_response(),
+    })
 }
 
 /// Refuses a body that says that it is too long before a byte of it is read.

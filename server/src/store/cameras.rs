@@ -38,6 +38,23 @@ impl Store {
         Ok(camera(&row)?)
     }
 
+    /// Another name and other intrinsics.
+    pub(crate) async fn replace_camera(
+        &self,
+        id: Uuid,
+        request: &CreateCamera,
+    ) -> ApiResult<StoredCamera> {
+        let row =
+            sqlx::query("UPDATE cameras SET name = ?2, camera = ?3 WHERE id = ?1 RETURNING *")
+                .bind(id.to_string())
+                .bind(&request.name)
+                .bind(serde_json::to_string(&request.camera)?)
+                .fetch_optional(&self.writer)
+                .await?
+                .ok_or_else(|| ApiError::not_found("camera", id))?;
+        Ok(camera(&row)?)
+    }
+
     /// By id.
     pub(crate) async fn camera(&self, id: Uuid) -> ApiResult<StoredCamera> {
         let row = sqlx::query("SELECT * FROM cameras WHERE id = ?1")

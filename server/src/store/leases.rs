@@ -236,19 +236,31 @@ impl Store {
         Ok(())
     }
 
-    /// Queues again what ran when the last service over this data folder ended. The end of the
-    /// service is not the job's fault and costs it no attempt.
+    /// Queues again what ran when the last service over this data folder ended, or ends it if
+    /// someone had asked for that. The end of the service is not the job's fault and costs it no
+    /// attempt. Answers how many jobs go on.
     pub(crate) async fn recover_jobs(&self) -> ApiResult<u64> {
-        let result = sqlx::query(
-            "UPDATE jobs SET state = 'queued', attempt = MAX(attempt - 1, 0),
+        let mut tx = self.begin().await?;
+        let rows = sqlx::query(
+            "UPDATE jobs SET state = IIF(cancel_requested, 'cancelled', 'queued'),
+             finished_ms = IIF(cancel_requested, ?2, NULL), attempt = MAX(attempt - 1, 0),
              interruptions = interruptions + 1, lease_owner = NULL, lease_until_ms = NULL,
              lease_token = lease_token + 1
-             WHERE state = 'running' AND interruptions < ?1",
+             WHERE state = 'running' AND interruptions < ?1 RETURNING id, state",
         )
         .bind(MAX_INTERRUPTIONS)
-        .execute(&self.writer)
+        .bind(clock::now_ms())
+        .fetch_all(&mut *tx)
         .await?;
-        Ok(result.rows_affected())
+        let mut num_queued = 0;
+        for row in &rows {
+            let state: &str = row.try_get("state")?;
+            num_queued += u64::from(state == JobState::Queued.name());
+            let data = value!({ "state": state });
+            events::append(&mut tx, uuid(row.try_get("id")?)?, "job.state", data).await?;
+        }
+        tx.commit().await?;
+        Ok(num_queued)
     }
 }
 
