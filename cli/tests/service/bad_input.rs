@@ -130,6 +130,7 @@ impl Service {
         match (job.state, job.error, job.outputs) {
             (JobState::Failed, Some(error), None) => {
                 assert!(error.hint.is_some(), "advice is due: {error:?}");
+                self.check_report(job.id, &error.code).await;
                 error.code
             }
             (JobState::Succeeded, None, Some(outputs)) => {
@@ -137,6 +138,17 @@ impl Service {
                 format!("{} images of {} cameras", map.images.len(), map.cameras.len())
             }
             other => panic!("{other:?}"),
+        }
+    }
+
+    /// The report of a failed job says the same, and of each photo why it has no pose.
+    async fn check_report(&self, job: Uuid, code: &str) {
+        let request = self.request(Method::GET, &format!("/v1/jobs/{job}/report"));
+        let report: Value = request.send().await.unwrap().json().await.unwrap();
+        assert_eq!(report["error"]["code"], code, "{report:#}");
+        if code != "too_few_images" {
+            let mut images = report["images"].as_array().unwrap().iter();
+            assert!(images.all(|image| image["reason"] == code), "{report:#}");
         }
     }
 

@@ -110,7 +110,7 @@ fn is_long() -> bool {
 fn a_job_killed_in_every_stage_ends_with_the_same_map_and_no_upload_is_lost() {
     let folder = Folder::new("crash");
     let photos = photos(&folder.0);
-    let plan = moments(if is_long() { [6, 1, 5, 5, 1, 2] } else { [1, 0, 1, 1, 0, 1] });
+    let plan = moments(if is_long() { [6, 1, 5, 5, 1, 2] } else { [1, 0, 1, 1, 1, 1] });
     let runtime = tokio::runtime::Runtime::new().unwrap();
 
     let server = Server::start(&folder.join("calm"));

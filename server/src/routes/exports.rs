@@ -90,7 +90,7 @@ async fn answer_export(
     answer_file(file, headers).await
 }
 
-fn media_type_of(name: &str) -> &'static str {
+pub(super) fn media_type_of(name: &str) -> &'static str {
     match name.rsplit('.').next() {
         Some("csv") => "text/csv",
         Some("json") => "application/json",

@@ -11,10 +11,15 @@ use axum::{
 use uuid::Uuid;
 use volery_api::{
     CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobState, JobsQuery, KnownDistance, LogQuery,
-    Page,
+    Page, worker::OUT_FOLDER,
 };
 
-use super::{cameras::check_camera, tokens::check_name};
+use super::{
+    cameras::check_camera,
+    exports::media_type_of,
+    files::{FileAnswer, answer_file},
+    tokens::check_name,
+};
 use crate::{
     answer::{Accepted, Deleted},
     auth::{Mapper, Viewer},
@@ -230,24 +235,38 @@ pub(crate) async fn job_log(
     Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], text).into_response())
 }
 
-/// The report of a job: leads to the report of the map it made.
+/// The report of a job: leads to the report of the map it made. A job that failed has one of its
+/// own, which says of every photo what was wrong. HTML for those who accept it, else JSON.
 #[utoipa::path(get, path = "/v1/jobs/{id}/report", tag = "jobs",
     params(("id" = Uuid, Path, description = "Of the job")),
-    responses((status = 303, description = "`Location` is the report")))]
+    responses(
+        (status = 200, description = "Of a failed job", content(
+            (serde_json::Value = "application/json"), (String = "text/html"))),
+        (status = 206, description = "A range of it", content(
+            (Vec<u8> = "application/json"), (Vec<u8> = "text/html"))),
+        (status = 303, description = "`Location` is the report"),
+        (status = 304, description = "It is what the client has")))]
 pub(crate) async fn job_report(
     State(app): State<Arc<App>>,
     _caller: Viewer,
     At(id): At<Uuid>,
     headers: HeaderMap,
-) -> ApiResult<Redirect> {
+) -> ApiResult<Response> {
     let job = app.store.job(id).await?;
-    let Some(outputs) = job.outputs else {
-        let detail = format!("job {id} is {} and has made no map", job.state.name());
-        return Err(ApiError::new(Code::Conflict("no_report"), detail));
-    };
     let accept = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok());
     let html = accept.is_some_and(|accept| accept.contains("text/html"));
     let name = if html { "report.html" } else { "report.json" };
-    let (map, version) = (outputs.map_id, outputs.version);
-    Ok(Redirect::to(&format!("/v1/maps/{map}/export/{name}?version={version}")))
+    if let Some(outputs) = job.outputs {
+        let (map, version) = (outputs.map_id, outputs.version);
+        let to = format!("/v1/maps/{map}/export/{name}?version={version}");
+        return Ok(Redirect::to(&to).into_response());
+    }
+    let path = app.job_folder(id).join(OUT_FOLDER).join(name);
+    if job.state == JobState::Failed && path.is_file() {
+        let etag = format!("{id}-{}-{name}", job.last_event);
+        return answer_file(FileAnswer { path, etag, media_type: media_type_of(name) }, &headers)
+            .await;
+    }
+    let detail = format!("job {id} is {} and has made no map", job.state.name());
+    Err(ApiError::new(Code::Conflict("no_report"), detail))
 }
