@@ -106,6 +106,7 @@ pub struct HeightPrior {
 #[serde(deny_unknown_fields)]
 pub struct PositionPrior {
     /// x, y, z in meters.
+    #[schema(min_items = 3, max_items = 3)]
     pub position: [f64; 3],
     /// Standard deviation per axis, meters.
     pub sigma: f64,
@@ -209,6 +210,7 @@ pub enum OriginRule {
 #[serde(deny_unknown_fields)]
 pub struct ControlPoint {
     /// x, y, z in meters, z up.
+    #[schema(min_items = 3, max_items = 3)]
     pub position: [f64; 3],
     /// At least two sightings.
     pub observations: Vec<ControlObservation>,
@@ -221,6 +223,7 @@ pub struct ControlObservation {
     /// Image name.
     pub image: String,
     /// Pixels, first pixel center (0.5, 0.5).
+    #[schema(min_items = 2, max_items = 2)]
     pub pixel: [f64; 2],
 }
 
@@ -229,8 +232,10 @@ pub struct ControlObservation {
 #[serde(deny_unknown_fields)]
 pub struct Sim3 {
     /// Unit quaternion w, x, y, z.
+    #[schema(min_items = 4, max_items = 4)]
     pub rotation: [f64; 4],
     /// Meters.
+    #[schema(min_items = 3, max_items = 3)]
     pub translation: [f64; 3],
     /// Positive.
     pub scale: f64,
@@ -277,9 +282,11 @@ pub struct YawPrior {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CameraPose {
     /// x, y, z in the map, meters when the map is metric.
+    #[schema(min_items = 3, max_items = 3)]
     pub position: [f64; 3],
     /// Unit quaternion w, x, y, z that turns camera axes (x right, y down, z forward) into the
     /// map's.
+    #[schema(min_items = 4, max_items = 4)]
     pub orientation: [f64; 4],
 }
 

@@ -46,6 +46,9 @@ pub(crate) fn parse_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> ApiRe
             let unknown = detail.contains("unknown field");
             let code = if unknown { "unknown_field" } else { "invalid_body" };
             ApiError::new(Code::Unprocessable(code), detail)
+        } else if serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok() {
+            // Well-formed, but an array is too long: serde_json calls that trailing characters.
+            ApiError::new(Code::Unprocessable("invalid_body"), detail)
         } else {
             ApiError::new(Code::BadRequest, detail)
         }
@@ -179,6 +182,10 @@ mod tests {
         assert_eq!(positional.code(), "invalid_body");
         let deep = br#"{"priors":{"a.jpg":{"height":[1,2]}}}"#;
         assert_eq!(parse_json::<PutPriors>(deep).unwrap_err().code(), "invalid_body");
+        let long = br#"{"priors":{"a.jpg":{"position":{"position":[1,2,3,4],"sigma":1}}}}"#;
+        assert_eq!(parse_json::<PutPriors>(long).unwrap_err().code(), "invalid_body");
+        let torn = br#"{"priors":{"a.jpg""#;
+        assert_eq!(parse_json::<PutPriors>(torn).unwrap_err().code(), "bad_request");
         let vector = br#"{"priors":{"a.jpg":{"position":{"position":[1,2,3],"sigma":1}}}}"#;
         assert!(parse_json::<PutPriors>(vector).is_ok());
     }
