@@ -227,17 +227,18 @@ fn check_reconstruction(
     reconstruction: &Reconstruction,
     matched: &Matched,
 ) -> Result<(), PipelineError> {
-    if !reconstruction.models.is_empty() && reconstruction.quality.verdict != Verdict::Failed {
-        return Ok(());
-    }
+    let quality = &reconstruction.quality;
     let num_rotation_only =
         matched.pairs.iter().filter(|p| p.kind == TwoViewKind::RotationOnly).count();
-    let only_turned = num_rotation_only * 2 > matched.pairs.len();
-    let (code, detail) = match reconstruction.quality.reasons.first() {
-        // Few points are what comes of turning, not why.
-        Some(reason) if !(only_turned && reason.code == "few_points") => {
-            (reason.code.as_str(), reason.detail.clone())
-        }
+    // Few points are what comes of turning, not why; and they are no map, only noise.
+    let only_turned = num_rotation_only * 2 > matched.pairs.len()
+        && (reconstruction.models.is_empty()
+            || quality.reasons.iter().any(|reason| reason.code == "few_points"));
+    if !only_turned && !reconstruction.models.is_empty() && quality.verdict != Verdict::Failed {
+        return Ok(());
+    }
+    let (code, detail) = match quality.reasons.first() {
+        Some(reason) if !only_turned => (reason.code.as_str(), reason.detail.clone()),
         _ if only_turned => {
             let detail = format!(
                 "in {num_rotation_only} of {} image pairs the camera only turned",
