@@ -41,3 +41,13 @@ fn no_wrong_map_is_called_good() {
     assert!(3 * num_right > cases.len(), "the trials are to be mapped");
     assert!(10 * num_doubted <= num_right, "{num_doubted} of {num_right} right maps are doubted");
 }
+
+/// Opposite walls that look alike, folded onto each other: next to nothing contradicts, but images
+/// in one place do not show the same.
+#[test]
+fn a_folded_room_is_named() {
+    let outcome = run(Trial::Doppelganger, 5);
+    assert!(outcome.is_wrong(), "the room is to be folded");
+    let reasons = &outcome.reconstruction.quality.reasons;
+    assert!(reasons.iter().any(|reason| reason.code == "merged_places"), "{reasons:?}");
+}
