@@ -1,4 +1,4 @@
-//! No wrong map is called good: scenes with exact poses that no threshold was chosen on.
+//! No wrong map is called good: drawn scenes with exact poses.
 //!
 //! `VOLERY_LONG=1` runs twelve seeds of each trial instead of one.
 
