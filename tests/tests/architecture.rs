@@ -76,7 +76,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-features",
             "volery-estimation",
             "nalgebra",
-            "rayon",
+            "faer",
             "thiserror",
         ],
     ),

@@ -14,9 +14,10 @@ use volery_scene::{NoProgress, Verdict};
 use volery_tests::{SharedSet, evaluation::Poses, shared::read_poses};
 
 /// Folders of photos; those of the same room as a map are left out by their prefix.
-const ALL_SETS: [&str; 8] = [
+const ALL_SETS: [&str; 9] = [
     "warehouse_render/scan",
     "warehouse_render/query",
+    "warehouse_render/flight",
     "redkitchen",
     "redkitchen/query",
     "fr2_desk",
@@ -56,13 +57,15 @@ fn poses_in(map: &MapFolder, set: &SharedSet) -> BTreeMap<String, PoseEstimate> 
     set.images.par_iter().filter_map(find).collect()
 }
 
-/// A confident wrong pose moves a real drone: no photo of another room is given one.
-fn assert_no_strangers(map: &MapFolder, room: &str) {
+/// A confident wrong pose moves a real drone: no photo of another room is given one. Every
+/// `step`-th photo is asked.
+fn assert_no_strangers(map: &MapFolder, room: &str, step: usize) {
     for name in ALL_SETS.iter().filter(|name| !name.starts_with(room)) {
         let Some(mut set) = SharedSet::open(name) else { continue };
         if let (None, Some((parent, _))) = (set.camera, name.split_once('/')) {
             set.camera = SharedSet::open(parent).and_then(|parent| parent.camera);
         }
+        set.images = set.images.into_iter().step_by(step).collect();
         let found = poses_in(map, &set);
         println!("{room} asked by {} photos of {name}: {} ok", set.images.len(), found.len());
         assert!(found.is_empty(), "{name} in {room}: {:?}", found.keys());
@@ -99,14 +102,51 @@ fn warehouse_queries_find_their_pose() {
     assert_eq!(right("unseen"), 0, "what the scan never saw cannot be placed");
     errors_m.sort_by(f64::total_cmp);
     assert!(errors_m[errors_m.len() / 2] <= 0.01, "median {}", errors_m[errors_m.len() / 2]);
-    assert_no_strangers(&map, "warehouse_render");
+    assert_no_strangers(&map, "warehouse_render", step());
+    assert_flight_is_followed(&map, &truth_from_map);
+}
+
+/// Small frames of a flight, some of them dark or blurred by motion: nearly all are found, none is
+/// wrong.
+fn assert_flight_is_followed(map: &MapFolder, truth_from_map: &Similarity3<f64>) {
+    let Some(mut flight) = SharedSet::open("warehouse_render/flight") else { return };
+    flight.images = flight.images.into_iter().step_by(step()).collect();
+    let found = poses_in(map, &flight);
+    let mut errors_m = Vec::new();
+    for (name, pose) in &found {
+        let center = truth_from_map * Point3::from(pose.map_from_camera.translation.vector);
+        let error_m = (center.coords - flight.truth[name].translation.vector).norm();
+        assert!(error_m <= 0.15, "{name} is confidently wrong by {error_m} m");
+        errors_m.push(error_m);
+    }
+    errors_m.sort_by(f64::total_cmp);
+    let median_m = errors_m[errors_m.len() / 2];
+    println!("flight: {} of {}, median {median_m:.4} m", found.len(), flight.images.len());
+    assert!(found.len() * 10 >= flight.images.len() * 9, "{} found", found.len());
+    assert!(median_m <= 0.02, "median {median_m} m");
+}
+
+/// Every photo with `VOLERY_LONG=1`, else every fourth.
+fn step() -> usize {
+    if is_long() { 1 } else { 4 }
+}
+
+fn is_long() -> bool {
+    std::env::var_os("VOLERY_LONG").is_some()
 }
 
 #[test]
-fn strangers_find_no_pose_at_the_desk() {
-    let Some(desk) = SharedSet::open("fr2_desk") else { return };
-    let (map, _) = map_of(&desk, "finding_desk");
-    assert_no_strangers(&map, "fr2_desk");
+fn strangers_find_no_pose_in_any_room() {
+    let rooms: &[&str] = if is_long() {
+        &["fr2_desk", "fountain_p11", "sceaux_castle", "redkitchen"]
+    } else {
+        &["fr2_desk", "fountain_p11"]
+    };
+    for room in rooms {
+        let Some(set) = SharedSet::open(room) else { continue };
+        let (map, _) = map_of(&set, &format!("finding_{room}"));
+        assert_no_strangers(&map, room, step());
+    }
 }
 
 fn truth_from_map(poses: &Poses, truth: &Poses) -> Similarity3<f64> {

@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Matrix3, Point3};
 use volery_features::{GlobalDescriptor, PackedDescriptors};
-use volery_scene::{Descriptor, PointId, SparseModel};
+use volery_geometry::Camera;
+use volery_scene::{CameraId, Descriptor, Point3d, PointId, SparseModel};
 
-/// Localization noise of a map keypoint where the model's own is smaller, pixels per coordinate.
-const MIN_KEYPOINT_SIGMA_PX: f64 = 0.2;
+use crate::map_noise::{MapNoise, PoseNoise};
 
 /// A point's deviation at most, relative to its distance from the nearest camera that saw it: a
 /// point whose rays leave the depth open says nothing about it.
@@ -20,6 +20,9 @@ const MAX_RELATIVE_SIGMA: f64 = 0.2;
 pub struct LocalizationIndex {
     pub(crate) points: Vec<MapPoint>,
     pub(crate) images: Vec<MapImage>,
+    pub(crate) cameras: Vec<Camera>,
+    /// Noise of the map's keypoints per coordinate, pixels.
+    pub(crate) sigma_px: f64,
     /// Sightings of point p: `sightings[starts[p]..starts[p + 1]]`.
     starts: Vec<u32>,
     sightings: Vec<Sighting>,
@@ -37,6 +40,9 @@ pub(crate) struct MapPoint {
 pub(crate) struct MapImage {
     pub(crate) cam_from_world: Isometry3<f64>,
     pub(crate) center: Point3<f64>,
+    /// Which of the index's cameras.
+    pub(crate) camera: u32,
+    pub(crate) noise: PoseNoise,
     pub(crate) global: GlobalDescriptor,
     /// Which point each row sees.
     pub(crate) points: Vec<u32>,
@@ -55,13 +61,15 @@ pub(crate) struct Sighting {
 impl MapImage {
     fn new(
         cam_from_world: Isometry3<f64>,
+        camera: u32,
+        noise: PoseNoise,
         global: GlobalDescriptor,
         points: Vec<u32>,
         descriptors: Vec<Descriptor>,
     ) -> Self {
         let center = volery_geometry::triangulation::camera_center(&cam_from_world);
         let packed = PackedDescriptors::new(&descriptors);
-        Self { cam_from_world, center, global, points, descriptors, packed }
+        Self { cam_from_world, center, camera, noise, global, points, descriptors, packed }
     }
 }
 
@@ -73,19 +81,23 @@ impl LocalizationIndex {
         descriptors: &[Vec<Descriptor>],
         global_descriptors: &[GlobalDescriptor],
     ) -> Self {
-        let sigma_px = keypoint_sigma(model);
+        let noise = MapNoise::of(model);
         let mut index_of_point: BTreeMap<PointId, u32> = BTreeMap::new();
         let mut points = Vec::new();
         for (id, point) in &model.points {
-            let covariance = point_covariance(model, *id, sigma_px);
-            if let Some(covariance) = covariance {
+            let Some(unit) = noise.unit_covariances.get(id) else { continue };
+            let covariance = unit * (noise.sigma_px * noise.sigma_px);
+            if is_usable(model, point, &covariance) {
                 index_of_point.insert(*id, points.len() as u32);
+                let covariance = covariance.map(|v| v as f32);
                 points.push(MapPoint { position: point.position, covariance });
             }
         }
+        let cameras: Vec<CameraId> = model.cameras.keys().copied().collect();
         let images = model.images.values().zip(descriptors).zip(global_descriptors);
         let images = images
-            .map(|((image, all), global)| {
+            .zip(noise.poses)
+            .map(|(((image, all), global), noise)| {
                 let (mut seen, mut rows) = (Vec::new(), Vec::new());
                 for (point, descriptor) in image.points.iter().zip(all) {
                     if let Some(point) = point.and_then(|id| index_of_point.get(&id)) {
@@ -93,13 +105,20 @@ impl LocalizationIndex {
                         rows.push(*descriptor);
                     }
                 }
-                MapImage::new(image.cam_from_world, global.clone(), seen, rows)
+                let camera = cameras.iter().position(|id| *id == image.camera).unwrap_or(0) as u32;
+                MapImage::new(image.cam_from_world, camera, noise, global.clone(), seen, rows)
             })
             .collect();
-        Self::from_parts(points, images)
+        let cameras = model.cameras.values().copied().collect();
+        Self::from_parts(points, images, cameras, noise.sigma_px)
     }
 
-    fn from_parts(points: Vec<MapPoint>, images: Vec<MapImage>) -> Self {
+    fn from_parts(
+        points: Vec<MapPoint>,
+        images: Vec<MapImage>,
+        cameras: Vec<Camera>,
+        sigma_px: f64,
+    ) -> Self {
         let mut starts = vec![0_u32; points.len() + 1];
         for &point in images.iter().flat_map(|image| &image.points) {
             starts[point as usize + 1] += 1;
@@ -117,7 +136,7 @@ impl LocalizationIndex {
                 *slot += 1;
             }
         }
-        Self { points, images, starts, sightings }
+        Self { points, images, cameras, sigma_px, starts, sightings }
     }
 
     /// Number of points.
@@ -157,33 +176,11 @@ pub enum IndexError {
     },
 }
 
-/// Standard deviation of a keypoint per coordinate: the mean length of a normal residual of two
-/// dimensions is `σ √(π/2)`.
-fn keypoint_sigma(model: &SparseModel) -> f64 {
-    let mean = model.mean_reprojection_error_px().filter(|mean| mean.is_finite()).unwrap_or(0.0);
-    (mean / std::f64::consts::FRAC_PI_2.sqrt()).max(MIN_KEYPOINT_SIGMA_PX)
-}
-
-/// `σ² (Σ JᵀJ)⁻¹` over the sightings of a point, cameras taken as exact. `None` for points that
-/// are not finite, that no two images see, or whose rays do not determine them.
-fn point_covariance(model: &SparseModel, id: PointId, sigma_px: f64) -> Option<Matrix3<f32>> {
-    let point = &model.points[&id];
-    let (mut information, mut nearest, mut num_views) = (Matrix3::zeros(), f64::INFINITY, 0);
-    for observation in &point.track {
-        let image = model.images.get(&observation.image)?;
-        let in_cam = image.cam_from_world * point.position;
-        let camera = model.cameras.get(&image.camera)?;
-        let Some(projection) = camera.project_with_jacobians(&in_cam) else { continue };
-        let jacobian =
-            projection.d_point * image.cam_from_world.rotation.to_rotation_matrix().into_inner();
-        information += jacobian.tr_mul(&jacobian);
-        nearest = nearest.min(in_cam.coords.norm());
-        num_views += 1;
-    }
-    let covariance = information.cholesky()?.inverse() * (sigma_px * sigma_px);
-    let is_usable = num_views >= 2
-        && point.position.iter().all(|v| v.is_finite())
-        && covariance.iter().all(|v| v.is_finite())
-        && covariance.trace().sqrt() < MAX_RELATIVE_SIGMA * nearest;
-    is_usable.then(|| covariance.map(|v| v as f32))
+/// Whether a point says where it is.
+fn is_usable(model: &SparseModel, point: &Point3d, covariance: &Matrix3<f64>) -> bool {
+    let images = point.track.iter().filter_map(|o| model.images.get(&o.image));
+    let nearest =
+        images.map(|image| (point.position - image.center()).norm()).fold(f64::INFINITY, f64::min);
+    point.position.iter().all(|v| v.is_finite())
+        && covariance.trace().sqrt() < MAX_RELATIVE_SIGMA * nearest
 }

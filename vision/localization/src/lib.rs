@@ -7,6 +7,9 @@ mod acceptance;
 mod bytes;
 mod correspondences;
 mod guided;
+mod jacobians;
+mod map_noise;
+mod map_share;
 mod refine;
 mod solve;
 

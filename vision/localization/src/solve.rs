@@ -11,6 +11,7 @@ use crate::acceptance::{Evidence, MIN_INLIERS, covariance_in_map, judge};
 use crate::correspondences::Pair;
 use crate::guided::{KeypointGrid, match_projected};
 use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
+use crate::map_share::map_share;
 use crate::refine::{Sight, refine_weighted};
 
 /// Inlier threshold of the first pose, of an image 640 pixels wide.
@@ -142,6 +143,7 @@ impl<'a> PoseSolver<'a> {
                 pixel,
                 relative_sigma: (1.0 + 0.04 * scale * scale).sqrt(),
                 point: point.position,
+                point_index: pair.point,
                 covariance: point.covariance.map(f64::from),
             });
         }
@@ -192,7 +194,8 @@ impl<'a> PoseSolver<'a> {
         let sights = self.sights(&inliers);
         let weighted = refine_weighted(&sights, self.camera, &pose)?;
         let pose = weighted.cam_from_world;
-        let covariance = covariance_in_map(&pose, &weighted.covariance);
+        let from_map = map_share(self.index, &sights, self.camera, &weighted);
+        let covariance = covariance_in_map(&pose, &(weighted.covariance + from_map));
         let median_depth = self.median_depth(&pose, &inliers);
         let (pixels, _) = self.split(&inliers);
         let evidence =

