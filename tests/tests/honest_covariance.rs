@@ -56,7 +56,7 @@ fn normalized_errors(seed: u64, count: usize) -> Vec<f64> {
     let globals: Vec<_> = of_model().map(global_descriptor).collect();
     let index = LocalizationIndex::new(model, &descriptors, &globals);
 
-    let center = |pose: &nalgebra::Isometry3<f64>| pose.inverse().translation.vector.into();
+    let center = |pose: &nalgebra::Isometry3<f64>| Point3::from(pose.inverse().translation.vector);
     let (truth, in_map): (Vec<Point3<f64>>, Vec<Point3<f64>>) = model
         .images
         .iter()
