@@ -9,7 +9,7 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 use volery_estimation::estimate_two_view_geometry;
 use volery_features::{GlobalDescriptor, PackedDescriptors, match_features};
-use volery_scene::{CameraId, ImageId, ImagePrior, Progress, Stage, TwoViewGeometry};
+use volery_scene::{CameraId, FeatureMatch, ImageId, ImagePrior, Progress, Stage, TwoViewGeometry};
 use volery_sfm::{SfmCamera, select_pairs};
 
 use crate::{
@@ -88,12 +88,12 @@ pub(crate) fn match_pairs(
         let chunk: Vec<Option<TwoViewGeometry>> = pairs_chunk
             .par_iter()
             .zip(known_chunk)
-            .map(|(&pair, (key, outcome))| {
+            .map(|(&pair, (_, outcome))| {
                 if let Some(outcome) = outcome {
                     return Ok(outcome.clone());
                 }
                 progress.check()?;
-                let outcome = context.verify(pair, key, &images);
+                let outcome = context.verify(pair, &images);
                 let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress.report(Stage::Matching, finished, pairs.len());
                 Ok(outcome)
@@ -154,12 +154,7 @@ impl PairContext<'_> {
             .key()
     }
 
-    fn verify(
-        &self,
-        pair: (usize, usize),
-        key: &Key,
-        images: &[Prepared],
-    ) -> Option<TwoViewGeometry> {
+    fn verify(&self, pair: (usize, usize), images: &[Prepared]) -> Option<TwoViewGeometry> {
         let (i, j) = pair;
         let (image1, image2) = (&images[i], &images[j]);
         let matches = match_features(&image1.packed, &image2.packed, &self.options.matching);
@@ -170,7 +165,6 @@ impl PairContext<'_> {
             calibrated: self.is_calibrated(pair),
             ..self.options.two_view
         };
-        let (seed, _) = key.as_bytes().split_first_chunk::<8>().expect("a hash has 32 bytes");
         estimate_two_view_geometry(
             ImageId(i as u32),
             &self.camera(i).camera,
@@ -180,7 +174,20 @@ impl PairContext<'_> {
             &image2.pixels,
             &matches,
             &options,
-            u64::from_le_bytes(*seed),
+            seed_of(self.seed, &matches),
         )
     }
+}
+
+/// Seed of a pair: of the job and the matches alone, so that neither the place of the photos in the
+/// job nor another build of the program changes what is found.
+fn seed_of(job_seed: u64, matches: &[FeatureMatch]) -> u64 {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&job_seed.to_le_bytes());
+    for m in matches {
+        hasher.update(&m.feature1.to_le_bytes()).update(&m.feature2.to_le_bytes());
+    }
+    let hash = hasher.finalize();
+    let (seed, _) = hash.as_bytes().split_first_chunk::<8>().expect("a hash has 32 bytes");
+    u64::from_le_bytes(*seed)
 }
