@@ -3,6 +3,8 @@
 //!
 //! Features of seventy photos take a while: only with `VOLERY_LONG=1`.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_features::{
@@ -35,6 +37,7 @@ fn map(set: &SharedSet, features: &[Features], window: usize) -> Reconstruction 
             camera: CameraId(0),
             keypoints: features.keypoints.iter().map(|k| k.pixel()).collect(),
             colors: vec![[128; 3]; features.len()],
+            features: Arc::new(features.clone()),
             prior: ImagePrior::default(),
         })
         .collect();

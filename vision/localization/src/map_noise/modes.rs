@@ -84,7 +84,7 @@ fn factored(mut rest: DMatrix<f64>, depth: f64) -> Vec<PoseNoise> {
         let Some(pivot) = (0..unknowns).max_by(|&a, &b| share(a).total_cmp(&share(b))) else {
             break;
         };
-        if !(rest[(pivot, pivot)] > 0.0) {
+        if rest[(pivot, pivot)] <= 0.0 {
             break;
         }
         let mode: DVector<f64> = rest.column(pivot) / rest[(pivot, pivot)].sqrt();
