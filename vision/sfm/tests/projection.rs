@@ -1,6 +1,6 @@
 //! What looking for the points of a model in further images adds, against the truth.
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, sync::Arc};
 
 use nalgebra::Point3;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
@@ -121,6 +121,10 @@ fn points_are_found_in_images_that_were_not_matched() {
         wrong_after <= wrong_before + joined / 100,
         "{wrong_before} wrong sightings became {wrong_after}; {joined} joined"
     );
+    for point in with.points.values() {
+        let images: BTreeSet<ImageId> = point.track.iter().map(|o| o.image).collect();
+        assert_eq!(images.len(), point.track.len(), "an image shows a point once");
+    }
     for (id, image) in &with.images {
         for (keypoint, point) in image.points.iter().enumerate() {
             let num_tracks = with

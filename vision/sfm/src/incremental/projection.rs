@@ -203,6 +203,11 @@ impl WorkingModel<'_> {
         let mut num_joined = 0;
         for Find { track, keypoint, .. } in finds {
             let owner = owners[keypoint as usize];
+            let point = &self.tracks[track as usize];
+            // A merge may have taken the point or given it a sighting here.
+            if point.position.is_none() || sighting_of(point, image).is_some() {
+                continue;
+            }
             let num_new = match owner {
                 NONE => self.add_sighting(track as usize, image, keypoint),
                 _ => self.take_over(track as usize, owner as usize, image),
@@ -218,20 +223,16 @@ impl WorkingModel<'_> {
     /// Gives the sighting of `image` by the track `owner` to `track`, with all others of `owner`
     /// if it belongs to a point. Returns how many sightings moved.
     fn take_over(&mut self, track: usize, owner: usize, image: usize) -> usize {
-        let is_sighting = |s: &Sighting| s.image as usize == image;
-        let has_point = |t: &Track| t.position.is_some();
-        let sees_it = |t: &Track| t.sightings.iter().any(|s| s.active && is_sighting(s));
-        if owner == track || !has_point(&self.tracks[track]) || sees_it(&self.tracks[track]) {
-            return 0;
+        let rival = &self.tracks[owner];
+        let Some(slot) = sighting_of(rival, image) else { return 0 };
+        if rival.position.is_some() && rival.sightings[slot].active {
+            self.merge(track, owner)
+        } else {
+            self.move_sighting(owner, slot, track)
         }
-        if has_point(&self.tracks[owner]) && sees_it(&self.tracks[owner]) {
-            return self.merge(track, owner);
-        }
-        let slot = self.tracks[owner].sightings.iter().position(is_sighting);
-        slot.map_or(0, |slot| self.move_sighting(owner, slot, track))
     }
 
-    /// Merges two points if no image sees both and one position fits all sightings. Returns how
+    /// Merges two points if no image shows both and one position fits all sightings. Returns how
     /// many sightings moved to the track `into`.
     fn merge(&mut self, into: usize, from: usize) -> usize {
         let (a, b) = (&self.tracks[into], &self.tracks[from]);
@@ -240,7 +241,7 @@ impl WorkingModel<'_> {
             t.sightings.iter().filter(|s| s.active).copied().collect()
         };
         let (of_a, of_b) = (active(a), active(b));
-        if of_a.iter().any(|s| of_b.iter().any(|other| other.image == s.image)) {
+        if of_b.iter().any(|s| sighting_of(a, s.image as usize).is_some()) {
             return 0;
         }
         let part = of_b.len() as f64 / (of_a.len() + of_b.len()) as f64;
@@ -258,6 +259,11 @@ impl WorkingModel<'_> {
         self.tracks[into].position = Some(position);
         of_b.len()
     }
+}
+
+/// Where a track lists its sighting of an image, active or not; it has one at the most.
+fn sighting_of(track: &Track, image: usize) -> Option<usize> {
+    track.sightings.iter().position(|s| s.image as usize == image)
 }
 
 /// The least distance and its place, if those of all other places are clearly greater.
