@@ -3,11 +3,11 @@
 //! A bootstrap to first order. Moving every keypoint by an error e moves the adjusted poses by
 //!
 //! ```text
-//! δ = S⁻¹ (J_cᵀ − W V⁻¹ J_pᵀ) Ω e,   S = U − W V⁻¹ Wᵀ
+//! δ = S⁻¹ J_cᵀ (I − Q Qᵀ) e,   S = J_cᵀ (I − Q Qᵀ) J_c
 //! ```
 //!
-//! with the blocks U, W, V of the normal equations of bundle adjustment (poses c, points p) and
-//! the weights Ω of its robust loss. One factorization of S serves all draws of e. What the free
+//! with the Jacobians of bundle adjustment by the poses (c) and by the points, of which Q is an
+//! orthonormal basis; rows and errors are weighed by the square roots of its robust loss' weights. One factorization of S serves all draws of e. What the free
 //! similarity of a reconstruction can take up is no error and is projected out.
 //!
 //! Keypoints do not err independently. Seen from ever new sides, a keypoint wanders over the

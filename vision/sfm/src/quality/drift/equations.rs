@@ -6,7 +6,7 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{LltRef, SymmetricOrdering, factorize_symbolic_cholesky};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
-use nalgebra::{Matrix2x3, Matrix3, Matrix6, Matrix6x3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
 use volery_geometry::median;
 use volery_scene::{ImageId, Observation, Point3d, SparseModel};
 
@@ -14,14 +14,18 @@ use volery_scene::{ImageId, Observation, Point3d, SparseModel};
 pub(super) const POSE_DIM: usize = 6;
 /// Relative damping that holds the gauge, in which nothing pulls.
 const DAMPING: f64 = 1e-10;
+/// A point nearer to a camera than this part of the median depth says nothing of its pose but rounding.
+const MIN_DEPTH: f64 = 1e-3;
 
 /// One observation, linearized.
 struct Sighting {
     image: usize,
     depth: f64,
     residual: Vector2<f64>,
-    /// Of the Cauchy loss with a scale of one pixel, the widest of the last adjustments.
-    weight: f64,
+    /// Square root of the weight of the Cauchy loss with a scale of one pixel, the widest of the last
+    /// adjustments.
+    root_weight: f64,
+    /// Of the residual times `root_weight`.
     j_pose: SMatrix<f64, 2, 6>,
     j_point: Matrix2x3<f64>,
 }
@@ -44,15 +48,15 @@ impl Equations {
         let linearized = |point: &Point3d| -> Vec<Sighting> {
             point.track.iter().filter_map(|o| linearize(model, &index_of, point, o)).collect()
         };
-        let points: Vec<_> =
+        let mut points: Vec<_> =
             model.points.values().map(linearized).filter(|list| list.len() >= 2).collect();
+        let depth = median(&mut points.iter().flatten().map(|s| s.depth).collect::<Vec<_>>())?;
+        points.retain(|sightings| sightings.iter().all(|s| s.depth > MIN_DEPTH * depth));
         let (mut num, mut squares, mut weights) = (0, 0.0, 0.0);
-        let mut depths = Vec::new();
         for s in points.iter().flatten() {
             num += 1;
-            squares += s.weight * s.residual.norm_squared();
-            weights += s.weight;
-            depths.push(s.depth);
+            squares += (s.residual * s.root_weight).norm_squared();
+            weights += s.root_weight.powi(2);
         }
         let freedom = 2.0 * f64::from(num)
             - 3.0 * points.len() as f64
@@ -64,7 +68,7 @@ impl Equations {
             num_images: model.images.len(),
             points,
             noise_px: (squares / weights * f64::from(num) / freedom).sqrt(),
-            depth: median(&mut depths)?,
+            depth,
         })
     }
 
@@ -80,28 +84,23 @@ impl Equations {
         let mut columns = vec![0.0; n * num_draws];
         let mut errors = Vec::new();
         for sightings in &self.points {
-            let v: Matrix3<f64> =
-                sightings.iter().map(|s| s.j_point.tr_mul(&s.j_point) * s.weight).sum();
-            // A point that its sightings do not hold ties nothing.
-            let Some(v_inv) = v.cholesky().map(|v| v.inverse()) else { continue };
-            let w: Vec<Matrix6x3<f64>> =
-                sightings.iter().map(|s| s.j_pose.tr_mul(&s.j_point) * s.weight).collect();
-            for (s, w_s) in sightings.iter().zip(&w) {
-                matrix.add(s.image, s.image, &(s.j_pose.tr_mul(&s.j_pose) * s.weight));
-                let y_s = w_s * v_inv;
-                for (t, w_t) in sightings.iter().zip(&w).filter(|(t, _)| t.image >= s.image) {
-                    matrix.add(s.image, t.image, &-(w_t * y_s.transpose()));
+            let basis = range_of_point(sightings);
+            for (s, q_s) in sightings.iter().zip(&basis) {
+                matrix.add(s.image, s.image, &s.j_pose.tr_mul(&s.j_pose));
+                let y_s = q_s.tr_mul(&s.j_pose);
+                for (t, q_t) in sightings.iter().zip(&basis).filter(|(t, _)| t.image >= s.image) {
+                    matrix.add(s.image, t.image, &-(q_t.tr_mul(&t.j_pose).tr_mul(&y_s)));
                 }
             }
             errors.resize(sightings.len(), Vector2::zeros());
             for column in columns.chunks_exact_mut(n) {
                 draw(&mut errors);
-                let with_errors = || sightings.iter().zip(&errors);
-                let pull: Vector3<f64> =
-                    with_errors().map(|(s, e)| s.j_point.tr_mul(e) * s.weight).sum();
-                let moved = v_inv * pull;
-                for ((s, e), w_s) in with_errors().zip(&w) {
-                    let pull = s.j_pose.tr_mul(e) * s.weight - w_s * moved;
+                for (e, s) in errors.iter_mut().zip(sightings) {
+                    *e *= s.root_weight;
+                }
+                let taken: Vector3<f64> = errors.iter().zip(&basis).map(|(e, q)| q.tr_mul(e)).sum();
+                for ((s, e), q) in sightings.iter().zip(&errors).zip(&basis) {
+                    let pull = s.j_pose.tr_mul(&(e - q * taken));
                     for (sum, value) in column[POSE_DIM * s.image..].iter_mut().zip(pull.iter()) {
                         *sum += value;
                     }
@@ -110,6 +109,18 @@ impl Equations {
         }
         matrix.solve_in_place(&mut columns).then_some(columns)
     }
+}
+
+/// Per sighting of a point its rows of an orthonormal basis Q of what a move of the point does to the
+/// pixels. The projection `I − Q Qᵀ` keeps S positive where `I − J_p (J_pᵀ J_p)⁻¹ J_pᵀ` loses it to
+/// rounding: near a camera's center a point has huge Jacobians.
+fn range_of_point(sightings: &[Sighting]) -> Vec<Matrix2x3<f64>> {
+    let mut j_point = DMatrix::zeros(2 * sightings.len(), 3);
+    for (k, s) in sightings.iter().enumerate() {
+        j_point.fixed_view_mut::<2, 3>(2 * k, 0).copy_from(&s.j_point);
+    }
+    let q = j_point.qr().q();
+    (0..sightings.len()).map(|k| q.fixed_view::<2, 3>(2 * k, 0).into_owned()).collect()
 }
 
 fn linearize(
@@ -124,16 +135,17 @@ fn linearize(
     let projection = model.cameras.get(&image.camera)?.project_with_jacobians(&in_cam)?;
     let residual = projection.pixel - pixel;
     let mut j_pose = SMatrix::<f64, 2, 6>::zeros();
-    let j_turn = projection.d_point * -in_cam.coords.cross_matrix();
-    j_pose.fixed_view_mut::<2, 3>(0, 0).copy_from(&j_turn);
-    j_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&projection.d_point);
+    let root_weight = (1.0 / (1.0 + residual.norm_squared())).sqrt();
+    let d_point = projection.d_point * root_weight;
+    j_pose.fixed_view_mut::<2, 3>(0, 0).copy_from(&(d_point * -in_cam.coords.cross_matrix()));
+    j_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&d_point);
     Some(Sighting {
         image: *index_of.get(&observation.image)?,
         depth: in_cam.z,
         residual,
-        weight: 1.0 / (1.0 + residual.norm_squared()),
+        root_weight,
         j_pose,
-        j_point: projection.d_point * image.cam_from_world.rotation.to_rotation_matrix().matrix(),
+        j_point: d_point * image.cam_from_world.rotation.to_rotation_matrix().matrix(),
     })
 }
 
