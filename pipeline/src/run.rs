@@ -265,6 +265,9 @@ pub(crate) fn advice_for(code: &str) -> &'static str {
         "drift" => {
             "let the flight come back to places it has seen, or give more photos that show the same"
         }
+        "wrong_calibration" => {
+            "check that the calibration is of this camera, lens setting and image size, or leave it out"
+        }
         "absurd_intrinsics" => "give the camera's calibration with --camera",
         _ => "take sharper photos with more overlap, moving sideways between them",
     }

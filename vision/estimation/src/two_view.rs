@@ -7,6 +7,7 @@ mod poses;
 mod refinement;
 mod search;
 mod selection;
+mod turn;
 mod verification;
 
 use nalgebra::Point2;

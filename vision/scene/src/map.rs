@@ -82,8 +82,8 @@ pub enum Verdict {
 /// A check that spoke against the map. `code` is stable.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct QualityReason {
-    /// E.g. `weakly_tied`, `drift`, `loop_disagreement`, `absurd_intrinsics`, `contradicting_rotations`,
-    /// `no_parallax`, `no_overlap`.
+    /// E.g. `weakly_tied`, `drift`, `loop_disagreement`, `absurd_intrinsics`, `wrong_calibration`,
+    /// `contradicting_rotations`, `no_parallax`, `no_overlap`.
     pub code: String,
     /// For people, with the figures and what to do.
     pub detail: String,

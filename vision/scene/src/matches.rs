@@ -40,7 +40,7 @@ pub struct TwoViewGeometry {
     /// Matches before verification.
     pub num_putative: usize,
     /// Relative pose; translation of unit length, zero for [`TwoViewKind::RotationOnly`]. `None`
-    /// for [`TwoViewKind::Uncalibrated`].
+    /// for [`TwoViewKind::Uncalibrated`] and for a turn of a camera whose focal length is a guess.
     pub cam2_from_cam1: Option<Isometry3<f64>>,
     /// `x₂ᵀ F x₁ = 0` in pixels (undistorted), where estimated.
     pub fundamental: Option<Matrix3<f64>>,

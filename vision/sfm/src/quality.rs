@@ -6,6 +6,7 @@
 //! cameras no one builds. Each measure is a file; this one weighs them.
 
 mod absence;
+pub mod calibration;
 pub mod drift;
 mod intrinsics;
 pub mod merged;
@@ -20,12 +21,15 @@ use volery_scene::{
 
 use crate::SfmCamera;
 pub(crate) use absence::no_map;
+use calibration::CalibrationShift;
 use drift::Drift;
 use intrinsics::absurd_cameras;
 use merged::Strangers;
 use ties::{MIN_SCALE_POINTS, MIN_TIE_POINTS, weakest_scale_tie, weakest_tie};
 use witnesses::Witnesses;
 
+/// Code of a map of next to nothing.
+pub(crate) const FEW_POINTS: &str = "few_points";
 /// Part of the matches in contradicting pairs that makes a map suspect.
 const MAX_CONTRADICTION: f64 = 0.1;
 /// The same over the pairs across one place of the sequence, where two parts may be joined wrongly.
@@ -44,6 +48,9 @@ const MIN_POINTS: usize = 100;
 const MAX_MEAN_ERROR_PX: f64 = 1.6;
 /// Part of the images that may look unlike their nearest view: a fold concerns at least every other.
 const MAX_STRANGERS: f64 = 0.3;
+/// Standard deviations from which photos contradict a calibration: with eight values free chance
+/// gets as far twice in a thousand sets.
+const MIN_SHIFT_SIGMAS: f64 = 5.0;
 /// What a good map promises: positions to so many parts of the distance of what is seen.
 const MAX_POSITION_DRIFT: f64 = 0.005;
 /// And rotations, radians.
@@ -66,12 +73,15 @@ pub struct Evidence {
     /// Images in verified pairs.
     pub num_paired: usize,
     /// Relative standard deviation of guessed focal lengths that were refined, by camera; from
-    /// [`focal_sigma`](crate::self_calibration::focal_sigma).
+    /// [`focal_sigma`](calibration::focal_sigma).
     pub focal_sigmas: Vec<(CameraId, f64)>,
+    /// What the photos say against intrinsics that were held as given, by camera; from
+    /// [`calibration_shift`](calibration::calibration_shift).
+    pub calibration_shifts: Vec<(CameraId, CalibrationShift)>,
 }
 
 impl Evidence {
-    /// Gathers all but the focal lengths.
+    /// Gathers all but what is known of the intrinsics.
     pub fn of(model: &SparseModel, pairs: &[TwoViewGeometry]) -> Self {
         let paired: BTreeSet<ImageId> = pairs.iter().flat_map(|p| [p.image1, p.image2]).collect();
         Self {
@@ -82,6 +92,7 @@ impl Evidence {
             drift: Drift::of(model),
             num_paired: paired.len(),
             focal_sigmas: Vec::new(),
+            calibration_shifts: Vec::new(),
         }
     }
 
@@ -89,7 +100,7 @@ impl Evidence {
     pub fn verdict(&self, model: &SparseModel, cameras: &[SfmCamera]) -> Quality {
         let absurd = absurd_cameras(model, cameras);
         let reasons: Vec<QualityReason> = [
-            ("few_points", few_points(model)),
+            (FEW_POINTS, few_points(model)),
             ("contradicting_rotations", self.contradiction()),
             ("loop_disagreement", self.torn_sequence()),
             ("merged_places", self.merged_places()),
@@ -100,6 +111,7 @@ impl Evidence {
             ("high_reprojection_error", high_error(model)),
         ]
         .into_iter()
+        .chain(self.wrong_calibrations().map(|detail| ("wrong_calibration", Some(detail))))
         .chain(self.uncertain_focals().map(|detail| ("absurd_intrinsics", Some(detail))))
         .chain(absurd.into_iter().map(|detail| ("absurd_intrinsics", Some(detail))))
         .filter_map(|(code, detail)| Some(QualityReason { code: code.to_owned(), detail: detail? }))
@@ -200,6 +212,24 @@ impl Evidence {
         })
     }
 
+    fn wrong_calibrations(&self) -> impl Iterator<Item = String> {
+        let is_wrong = |shift: &CalibrationShift| {
+            shift.num_sigmas > MIN_SHIFT_SIGMAS
+                && (breaks(MAX_POSITION_DRIFT, shift.position, self.drift.position)
+                    || breaks(MAX_ROTATION_DRIFT, shift.rotation, self.drift.rotation))
+        };
+        let wrong = self.calibration_shifts.iter().filter(move |(_, shift)| is_wrong(shift));
+        wrong.map(|(camera, shift)| {
+            format!(
+                "the photos contradict the calibration of camera {}: with one that fits them the \
+                 map changes by {:.1} % of the distance to the scene and {:.1} degrees",
+                camera.0,
+                100.0 * shift.position,
+                shift.rotation.to_degrees()
+            )
+        })
+    }
+
     fn uncertain_focals(&self) -> impl Iterator<Item = String> {
         let uncertain = self.focal_sigmas.iter().filter(|(_, sigma)| *sigma > MAX_FOCAL_SIGMA);
         uncertain.map(|(camera, sigma)| {
@@ -211,6 +241,12 @@ impl Evidence {
             )
         })
     }
+}
+
+/// Whether a bend is more than a map may promise, alone or together with a drift that is no doubt
+/// by itself: the two are independent.
+fn breaks(promise: f64, bend: f64, drift: f64) -> bool {
+    bend > promise || (drift <= promise && bend.hypot(drift) > promise)
 }
 
 fn few_points(model: &SparseModel) -> Option<String> {

@@ -13,8 +13,9 @@ use volery_scene::{
 
 use crate::global::map_globally;
 use crate::incremental::{Input, extend_model, map_incrementally};
-use crate::quality::{Evidence, no_map};
-use crate::self_calibration::{focal_sigma, start_cameras};
+use crate::quality::calibration::{calibration_shift, focal_sigma};
+use crate::quality::{Evidence, FEW_POINTS, no_map};
+use crate::self_calibration::start_cameras;
 
 /// A camera as it is known before mapping.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,7 +109,7 @@ const MIN_STRONG_INLIERS: usize = 40;
 const TINY_PARALLAX: f64 = 0.02;
 /// Parallax, radians, from which a pair says where its images are.
 const FAIR_PARALLAX: f64 = 0.035;
-/// Cameras whose self-calibration is probed, one adjustment each.
+/// Cameras whose intrinsics are probed, one or two adjustments each.
 const MAX_PROBED_CAMERAS: usize = 2;
 /// A first model that holds so large a part of the images and passes its checks needs no rival.
 const ENOUGH_IMAGES: f64 = 0.8;
@@ -144,12 +145,16 @@ pub fn reconstruct(
     let first = attempt(order[0], input, progress)?;
     let satisfied = first.num_images() as f64 >= ENOUGH_IMAGES * images.len() as f64
         && first.quality.verdict == Verdict::Good;
-    let kept = if satisfied {
+    let mut kept = if satisfied {
         first
     } else {
         let second = attempt(order[1], input, progress)?;
         if second.is_better_than(&first) { second } else { first }
     };
+    if kept.has_few_points() && mostly_turned(pairs) {
+        // What can be made of a camera that only turned is noise and no map.
+        kept.models.clear();
+    }
     let unplaced = unplaced_images(images, pairs, &kept.models);
     Ok(Reconstruction {
         quality: if kept.models.is_empty() { no_map(&unplaced) } else { kept.quality },
@@ -209,6 +214,10 @@ impl Attempt {
         self.models.first().map_or(0, |model| model.images.len())
     }
 
+    fn has_few_points(&self) -> bool {
+        self.quality.reasons.iter().any(|reason| reason.code == FEW_POINTS)
+    }
+
     /// Images, less what the pairs hold against them.
     fn score(&self) -> f64 {
         self.num_images() as f64 * (1.0 - 2.0 * self.contradiction)
@@ -250,6 +259,11 @@ fn attempt(
             let mut evidence = Evidence::of(model, pairs);
             for (&id, camera) in model.cameras.iter().take(MAX_PROBED_CAMERAS) {
                 let given = cameras[id.0 as usize];
+                if given.refine == IntrinsicsRefinement::FIXED
+                    && let Some(shift) = calibration_shift(model, id, progress)?
+                {
+                    evidence.calibration_shifts.push((id, shift));
+                }
                 if given.focal_is_guess
                     && given.refine.focal
                     && camera.focal() != given.camera.focal()
@@ -280,6 +294,11 @@ fn is_yaw_scan(num_images: usize, pairs: &[TwoViewGeometry]) -> bool {
     let num_turned =
         paired.iter().zip(&moved).filter(|(paired, moved)| **paired && !**moved).count();
     num_paired > 0 && num_turned as f64 >= YAW_SCAN_FRACTION * num_paired as f64
+}
+
+/// Whether most pairs are turns.
+fn mostly_turned(pairs: &[TwoViewGeometry]) -> bool {
+    2 * pairs.iter().filter(|pair| pair.kind == TwoViewKind::RotationOnly).count() > pairs.len()
 }
 
 /// Whether the camera only turned between the images, as far as the pair can tell.

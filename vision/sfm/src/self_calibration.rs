@@ -1,13 +1,8 @@
-//! A first focal length from fundamental matrices, for cameras nothing is known of, and how far a
-//! refined one may be trusted.
-
-use std::collections::BTreeMap;
+//! A first focal length from fundamental matrices, for cameras nothing is known of.
 
 use nalgebra::Matrix3;
-use volery_estimation::bundle_adjustment::{BundleCamera, BundleObservation, BundlePose};
-use volery_estimation::{BundleOptions, BundleProblem, IntrinsicsRefinement, adjust_bundle};
 use volery_geometry::Camera;
-use volery_scene::{CameraId, Cancelled, ImageId, Progress, SparseModel, TwoViewGeometry};
+use volery_scene::TwoViewGeometry;
 
 use crate::{SfmCamera, SfmImage};
 
@@ -120,81 +115,4 @@ fn best_focal(camera: &Camera, witnesses: &[(Matrix3<f64>, f64)]) -> Option<f64>
     let (a, b, c) = (costs[best - 1], costs[best], costs[best + 1]);
     let offset = 0.5 * (a - c) / (a - 2.0 * b + c);
     Some(least * (step * (best as f64 + offset.clamp(-1.0, 1.0))).exp())
-}
-
-/// Change of the focal length by which its certainty is probed.
-const PROBE: f64 = 1.03;
-/// Steps of a probing adjustment.
-const PROBE_ITERATIONS: usize = 15;
-
-/// Relative standard deviation of the focal length of `camera` in a refined model: the camera is
-/// given a focal length three percent longer, everything else (distortion included) adjusts to
-/// it, and the rise of the squared residuals tells how much the images mind:
-///
-/// ```text
-/// σ = ln 1.03 / √(Δχ²),   χ² = Σ r² / (χ²₀ / degrees of freedom)
-/// ```
-///
-/// `None` if the camera sees nothing.
-pub fn focal_sigma(
-    model: &SparseModel,
-    camera: CameraId,
-    progress: &dyn Progress,
-) -> Result<Option<f64>, Cancelled> {
-    let Some(free) = cost_with(model, camera, 1.0, progress)? else { return Ok(None) };
-    let Some(probed) = cost_with(model, camera, PROBE, progress)? else { return Ok(None) };
-    let freedom = 2.0 * model.num_observations() as f64
-        - 3.0 * model.points.len() as f64
-        - 6.0 * model.images.len() as f64;
-    let rise = (probed - free) / (free / freedom.max(1.0));
-    Ok(Some(if rise > 0.0 { (PROBE.ln() / rise.sqrt()).min(1.0) } else { 1.0 }))
-}
-
-/// Least robust cost with the focal length of `camera` held at `factor` times its value.
-fn cost_with(
-    model: &SparseModel,
-    camera: CameraId,
-    factor: f64,
-    progress: &dyn Progress,
-) -> Result<Option<f64>, Cancelled> {
-    let mut problem = BundleProblem::default();
-    let mut slot_of_camera: BTreeMap<CameraId, u32> = BTreeMap::new();
-    for (&id, intrinsics) in &model.cameras {
-        let mut intrinsics = *intrinsics;
-        if id == camera {
-            let num_focals = intrinsics.model.num_focals();
-            intrinsics.params_mut()[..num_focals].iter_mut().for_each(|f| *f *= factor);
-        }
-        slot_of_camera.insert(id, problem.cameras.len() as u32);
-        let refine =
-            IntrinsicsRefinement { distortion: id == camera, ..IntrinsicsRefinement::FIXED };
-        problem.cameras.push(BundleCamera { camera: intrinsics, refine, focal_prior: None });
-    }
-    let mut slot_of_image: BTreeMap<ImageId, u32> = BTreeMap::new();
-    for (&id, image) in &model.images {
-        let Some(&camera) = slot_of_camera.get(&image.camera) else { continue };
-        slot_of_image.insert(id, problem.poses.len() as u32);
-        problem.poses.push(BundlePose {
-            cam_from_world: image.cam_from_world,
-            camera,
-            constant: false,
-            position_prior: None,
-            gravity_prior: None,
-        });
-    }
-    for (index, point) in model.points.values().enumerate() {
-        problem.points.push(point.position);
-        for observation in &point.track {
-            let Some(&pose) = slot_of_image.get(&observation.image) else { continue };
-            let keypoints = &model.images[&observation.image].keypoints;
-            let Some(&pixel) = keypoints.get(observation.keypoint as usize) else { continue };
-            problem.observations.push(BundleObservation { pose, point: index as u32, pixel });
-        }
-    }
-    let options = BundleOptions { max_iterations: PROBE_ITERATIONS, ..BundleOptions::default() };
-    match adjust_bundle(&mut problem, &options, progress) {
-        Ok(report) => Ok(Some(report.final_cost)),
-        Err(volery_estimation::BundleError::Cancelled(cancelled)) => Err(cancelled),
-        Err(_) => Ok(None),
-    }
 }

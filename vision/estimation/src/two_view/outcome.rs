@@ -6,6 +6,7 @@ use volery_scene::{FeatureMatch, ImageId, TwoViewGeometry, TwoViewKind};
 
 use super::correspondences::{homography_error, indices_below, pixel_from_scaled};
 use super::refinement::scaled_essential;
+use super::turn::Turn;
 use super::verification::Verification;
 
 impl Verification<'_> {
@@ -18,6 +19,13 @@ impl Verification<'_> {
         let inliers = self.inliers(&errors);
         let pose = Isometry3::from_parts(Translation3::identity(), turn);
         self.geometry(TwoViewKind::RotationOnly, Some(pose), None, Some(h), &inliers, &turn)
+    }
+
+    /// A turn whose angle depends on the focal length, which is unknown.
+    pub(super) fn turn_of_unknown_angle(&self, turn: &Turn) -> Option<TwoViewGeometry> {
+        let h = &turn.homography;
+        let inliers = self.inliers(&self.errors(|pair| homography_error(h, pair)));
+        self.geometry(TwoViewKind::RotationOnly, None, None, Some(h), &inliers, &turn.rotation)
     }
 
     pub(super) fn with_pose(

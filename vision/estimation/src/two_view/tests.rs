@@ -1,6 +1,6 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
-use volery_geometry::Rng;
 use volery_geometry::homography::poses_from_homography;
+use volery_geometry::{Camera, CameraModel, Rng};
 use volery_scene::{FeatureMatch, ImageId, TwoViewGeometry, TwoViewKind};
 
 use super::{TwoViewOptions, estimate_two_view_geometry};
@@ -188,6 +188,46 @@ fn uncalibrated_pairs_give_a_fundamental_matrix() {
         let (a, b) = (pair.pixels1[m.feature1 as usize], pair.pixels2[m.feature2 as usize]);
         let error = volery_geometry::epipolar::squared_sampson_error(&f, &a, &b).sqrt();
         assert!(error < 4.1, "F is stated in pixels: {error}");
+    }
+}
+
+/// Under any guess of the focal length a turn is a turn, and a wall passed by is none.
+#[test]
+fn a_turn_is_told_from_a_wall_without_a_focal_length() {
+    for seed in 0..40 {
+        let mut random = Rng::new(seed);
+        let focal = camera().mean_focal() * random.range(0.6, 1.7);
+        let guess = Camera::from_focal(CameraModel::SimpleRadial, 1280, 960, focal).unwrap();
+        let verify = |pair: &Pair| {
+            let options = TwoViewOptions { calibrated: false, ..Default::default() };
+            let (a, b) = (ImageId(0), ImageId(1));
+            let (first, second) = (&pair.pixels1, &pair.pixels2);
+            estimate_two_view_geometry(
+                a,
+                &guess,
+                first,
+                b,
+                &guess,
+                second,
+                &pair.matches,
+                &options,
+                1,
+            )
+            .unwrap()
+        };
+        let (num_false, noise) = (random.index(100), random.range(0.3, 1.2));
+        let yaw = random.range(0.05, 0.5);
+        let turning = room_poses(Vector3::zeros(), yaw);
+        let turned = verify(&pair(&mut random, turning, room_point, 150, num_false, noise));
+        assert_eq!(turned.kind, TwoViewKind::RotationOnly, "seed {seed}");
+        assert_eq!((turned.cam2_from_cam1, turned.fundamental), (None, None));
+        assert!(turned.homography.is_some());
+
+        let sideways = Vector3::new(random.range(0.4, 1.0), random.range(-0.2, 0.2), 0.0);
+        let passing = [pose(Vector3::zeros(), 0.0, 0.0, 0.0), pose(sideways, 0.0, 0.0, 0.0)];
+        let wall = |r: &mut Rng| Point3::new(r.range(-4.0, 4.0), r.range(-3.0, 3.0), 3.0);
+        let passed = verify(&pair(&mut random, passing, wall, 150, num_false, noise));
+        assert_eq!(passed.kind, TwoViewKind::Uncalibrated, "seed {seed}");
     }
 }
 

@@ -123,7 +123,7 @@ impl<'a> Verification<'a> {
         self.with_pose(TwoViewKind::General, pose, homography.as_ref())
     }
 
-    /// F alone, with the homography where it has support.
+    /// F, with the homography where it has support; where a turn explains all, that alone.
     pub(super) fn uncalibrated(&self, seed: u64) -> Option<TwoViewGeometry> {
         let mut random = Rng::new(seed);
         let data = &self.data;
@@ -141,6 +141,25 @@ impl<'a> Verification<'a> {
         let homography = self
             .search_homography(&support, &mut random, loss)
             .filter(|h| data.score_homography(h, f64::INFINITY).num_inliers >= self.min_inliers);
+        let noise = Noise {
+            sigma: self.sigma(&errors),
+            squared_threshold: data.squared_threshold,
+            num_by_chance: self.num_by_chance(&errors),
+        };
+        let on_f: Vec<f64> = support.pairs.iter().map(|p| epipolar_error(&f, p)).collect();
+        let on = |h: &Matrix3<f64>| -> Vec<f64> {
+            support.pairs.iter().map(|p| homography_error(h, p)).collect()
+        };
+        let is_turn = |h: &Matrix3<f64>| is_explained(&on_f, &on(h), &noise, &Slack::ROTATION);
+        // A turn has a homography, which is at hand; what that leaves out would pull at the turn.
+        let on_plane = |h| support.subset(indices_below(&on(h), data.squared_threshold));
+        if let Some(h) = &homography
+            && is_turn(h)
+            && let Some(turn) = self.best_turn(&on_plane(h))
+            && is_turn(&turn.homography)
+        {
+            return self.turn_of_unknown_angle(&turn);
+        }
         let turn =
             rotation_from_bearings(support.pairs.iter().map(|p| (p.bearing1, p.bearing2, 1.0)))?;
         self.geometry(

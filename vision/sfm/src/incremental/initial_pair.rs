@@ -1,6 +1,6 @@
 //! The two images a model starts from.
 
-use nalgebra::{Isometry3, Vector2};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
 use volery_estimation::BundleOptions;
 use volery_geometry::epipolar::poses_from_essential;
 use volery_geometry::median;
@@ -79,8 +79,8 @@ fn ray(model: &WorkingModel<'_>, image: u32, keypoint: u32) -> Option<Vector2<f6
     *model.rays.get(image as usize)?.get(keypoint as usize)?
 }
 
-/// `cam2_from_cam1` of a pair: as verified, or from its fundamental matrix and the current focal
-/// lengths.
+/// `cam2_from_cam1` of a pair: as verified, or from its fundamental matrix (of a turn, its
+/// homography) and the current focal lengths.
 pub(crate) fn relative_pose(
     model: &WorkingModel<'_>,
     pair: &TwoViewGeometry,
@@ -90,6 +90,11 @@ pub(crate) fn relative_pose(
     }
     let k1 = model.camera(pair.image1.0 as usize).calibration_matrix();
     let k2 = model.camera(pair.image2.0 as usize).calibration_matrix();
+    if pair.kind == TwoViewKind::RotationOnly {
+        let turn = k2.try_inverse()? * pair.homography? * k1;
+        let turn = UnitQuaternion::from_matrix(&(turn / turn.determinant().cbrt()));
+        return Some(Isometry3::from_parts(Translation3::identity(), turn));
+    }
     let essential = k2.transpose() * pair.fundamental? * k1;
     let stride = pair.matches.len().div_ceil(200).max(1);
     let num_in_front = |pose: &Isometry3<f64>| {

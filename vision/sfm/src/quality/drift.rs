@@ -111,7 +111,7 @@ fn world_moves(model: &SparseModel, draw: &[f64], depth: f64) -> DVector<f64> {
 
 /// Orthonormal basis of the moves that a turn, a shift and a change of scale of the world make.
 /// Turns of the cameras count as much as shifts by as many depths: both move what they see.
-fn gauge(model: &SparseModel, depth: f64) -> DMatrix<f64> {
+pub(super) fn gauge(model: &SparseModel, depth: f64) -> DMatrix<f64> {
     let mut basis = DMatrix::zeros(POSE_DIM * model.images.len(), 7);
     for (i, image) in model.images.values().enumerate() {
         let center = image.center().coords / depth;

@@ -1,5 +1,6 @@
 //! Mapping of synthetic scenes with known truth.
 
+mod calibration;
 mod drift;
 mod observed;
 mod quality;
@@ -91,6 +92,33 @@ fn pure_rotation_gives_no_wrong_map() {
     assert_eq!(found.quality.reasons[0].code, "no_parallax");
     assert_eq!(found.unplaced.len(), 24);
     assert!(found.unplaced.iter().all(|u| u.reason == UnplacedReason::NoParallax));
+}
+
+/// The same with a camera nothing is known of, as phones and drones have them: a guessed focal
+/// length lets noise look like depth.
+#[test]
+fn pure_rotation_of_an_unknown_camera_gives_no_map() {
+    for seed in 0..3 {
+        let fov = (50.0 + 12.5 * seed as f64).to_radians();
+        let focal = 320.0 / (0.5 * fov).tan();
+        let truth = Camera::from_focal(CameraModel::SimpleRadial, 640, 480, focal).unwrap();
+        let poses: Vec<_> = (0..30)
+            .map(|i| {
+                let tilt = 0.1 * f64::from(i % 3) - 0.1;
+                cam_from_heading(&Point3::new(0.3, -0.2, 1.5), 0.2 * f64::from(i), tilt, 0.0)
+            })
+            .collect();
+        let scene = PointScene::observe(&Room::standard(), &truth, poses, &options(), seed);
+        let guess = SfmCamera {
+            camera: Camera::from_focal(CameraModel::SimpleRadial, 640, 480, 768.0).unwrap(),
+            refine: IntrinsicsRefinement::FOCAL_AND_DISTORTION,
+            focal_is_guess: true,
+        };
+        let found = map(&scene, guess);
+        assert!(found.models.is_empty(), "{seed}: {:?}", found.quality);
+        assert_eq!(found.quality.verdict, Verdict::Failed);
+        assert_eq!(found.quality.reasons[0].code, "no_parallax", "{seed}");
+    }
 }
 
 /// P34: the paper's scan, turning in place while the drone wobbles by 5 cm.
