@@ -1,25 +1,18 @@
 //! How far the poses and points of a map are off, by the residuals of its adjustment.
 
-mod correlation;
 mod modes;
 mod reduced;
 
 use std::collections::BTreeMap;
-use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector6};
-use volery_geometry::median;
 use volery_scene::{ImageId, Observation, Point3d, PointId, SparseModel};
 
 use crate::jacobians::{Linearized, linearize};
-use correlation::SerialCorrelation;
 use reduced::ReducedSystem;
 
 /// No detector is finer, pixels per coordinate.
 const MIN_SIGMA_PX: f64 = 0.1;
-
-/// Greatest residual that tells of correlation, in medians: the rest are wrong matches.
-const MAX_RESIDUAL: f64 = 5.0;
 
 /// Beyond so many images the dense system takes too much memory: their poses count as exact.
 const MAX_IMAGES: usize = 700;
@@ -57,43 +50,34 @@ impl MapNoise {
     /// By the linearized bundle adjustment of `model`.
     pub(crate) fn of(model: &SparseModel) -> Self {
         let tracks = tracks(model);
-        let sightings = tracks.iter().flat_map(|track| &track.sightings);
-        let mut norms: Vec<f64> = sightings.map(|s| s.residual.norm()).collect();
-        let median_px = median(&mut norms).unwrap_or(0.0);
-        let mut correlation = SerialCorrelation::new(MAX_RESIDUAL * median_px);
-        for track in &tracks {
-            correlation.add(&track.sightings, &track.covariance);
-        }
-        let (rho, absorbed) = correlation.estimate();
-
-        let sigma_px = (keypoint_sigma_px(&tracks) / absorbed.sqrt()).max(MIN_SIGMA_PX);
+        let sigma_px = keypoint_sigma_px(&tracks, model.images.len());
 
         let num_images = if model.images.len() <= MAX_IMAGES { model.images.len() } else { 0 };
         let mut reduced = ReducedSystem::new(num_images);
         let mut unit_covariances = BTreeMap::new();
         for track in &tracks {
-            let inflation = correlation::inflation(rho, track.sightings.len());
             if num_images > 0 {
-                reduced.add(&track.sightings, &track.covariance, 1.0 / inflation);
+                reduced.add(&track.sightings, &track.covariance);
             }
-            unit_covariances.insert(track.point, track.covariance * inflation);
+            unit_covariances.insert(track.point, track.covariance);
         }
         let poses = modes::pose_noise(model, reduced, sigma_px);
         Self { sigma_px, poses, unit_covariances }
     }
 }
 
-/// Standard deviation of a keypoint per coordinate, by the mean error: the length of a normal error
-/// of two dimensions is `σ √(π/2)` on average. The root mean square would be ruled by the wrong
-/// matches, which the loss of the adjustment holds down, and the median would not know of them.
-fn keypoint_sigma_px(tracks: &[Track]) -> f64 {
-    let errors = tracks.iter().flat_map(|track| {
-        // Three numbers of a track went into its point, which its residuals no longer show.
-        let n = 2.0 * track.sightings.len() as f64;
-        track.sightings.iter().map(move |s| s.residual.norm() * (n / (n - 3.0)).sqrt())
-    });
-    let (count, sum) = errors.fold((0.0, 0.0), |(count, sum), error| (count + 1.0, sum + error));
-    sum / f64::max(count, 1.0) / FRAC_PI_2.sqrt()
+/// Standard deviation of a keypoint per coordinate, by the squares of the residuals and their
+/// redundancy: what went into the points and the poses the residuals no longer show.
+///
+/// The adjustment's loss holds the large ones down and so errs less than least squares would by the
+/// same residuals. That gain is not claimed: it would be right if keypoints erred one by one, but
+/// those of a region, and of one track, err together.
+fn keypoint_sigma_px(tracks: &[Track], num_images: usize) -> f64 {
+    let sightings = tracks.iter().flat_map(|track| &track.sightings);
+    let squares: f64 = sightings.clone().map(|s| s.residual.norm_squared()).sum();
+    let measured = 2.0 * sightings.count() as f64;
+    let unknowns = 3.0 * tracks.len() as f64 + 6.0 * num_images as f64 - 7.0;
+    (squares / (measured - unknowns).max(1.0)).sqrt().max(MIN_SIGMA_PX)
 }
 
 /// A point with all that sees it.

@@ -8,7 +8,7 @@ use super::PoseNoise;
 use super::reduced::{ReducedSystem, inverse};
 
 /// Modes kept: what they leave over is kept per image.
-const MAX_MODES: usize = 64;
+const MAX_MODES: usize = 768;
 /// Weight of a rotation error against the motion of a point at the median depth, where the gauge is
 /// fitted: little, so that it counts only where the centers leave the rotation open.
 const ROTATION_WEIGHT: f64 = 0.1;

@@ -18,13 +18,13 @@ impl ReducedSystem {
         Self { matrix: DMatrix::zeros(6 * num_images, 6 * num_images) }
     }
 
-    /// Adds the sightings of a point, `covariance` = `Hₚ⁻¹`, each with a `weight`.
-    pub(super) fn add(&mut self, track: &[Sighting], covariance: &Matrix3<f64>, weight: f64) {
+    /// Adds the sightings of a point, `covariance` = `Hₚ⁻¹`.
+    pub(super) fn add(&mut self, track: &[Sighting], covariance: &Matrix3<f64>) {
         let mixed: Vec<Matrix6x3<f64>> =
             track.iter().map(|s| s.at.by_pose.tr_mul(&s.at.by_point)).collect();
         for (a, mixed_a) in track.iter().zip(&mixed) {
-            self.block_mut(a, a, &(a.at.by_pose.tr_mul(&a.at.by_pose) * weight));
-            let gain = mixed_a * covariance * weight;
+            self.block_mut(a, a, &a.at.by_pose.tr_mul(&a.at.by_pose));
+            let gain = mixed_a * covariance;
             for (b, mixed_b) in track.iter().zip(&mixed) {
                 self.block_mut(a, b, &-(gain * mixed_b.transpose()));
             }
