@@ -181,7 +181,7 @@ fn add_observation<const FMA: bool>(
             fma::<FMA>(a[axis][0], pose.rotation[0][k], y)
         })
     });
-    let j_x = j_world.map(|row| chart.pull_back::<FMA>(&row));
+    let j_x = [chart.pull_back::<FMA>(&j_world[0]), chart.pull_back::<FMA>(&j_world[1])];
     *v = [
         fma::<FMA>(j_x[0][0], j_x[0][0], fma::<FMA>(j_x[1][0], j_x[1][0], v[0])),
         fma::<FMA>(j_x[0][1], j_x[0][0], fma::<FMA>(j_x[1][1], j_x[1][0], v[1])),

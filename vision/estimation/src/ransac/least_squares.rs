@@ -72,7 +72,7 @@ impl Loss {
             Self::Cauchy { squared_scale, squared_threshold } => {
                 if squared < squared_threshold {
                     let ratio = squared / squared_scale;
-                    (squared_scale * ratio.ln_1p(), 1.0 / (1.0 + ratio))
+                    (squared_scale * (1.0 + ratio).ln(), 1.0 / (1.0 + ratio))
                 } else {
                     (squared_scale * (squared_threshold / squared_scale).ln_1p(), 0.0)
                 }

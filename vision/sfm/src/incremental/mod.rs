@@ -228,7 +228,7 @@ impl WorkingModel<'_> {
     /// Global rounds until the points are steady.
     pub(crate) fn finish(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
         for round in 0..MAX_FINAL_ROUNDS {
-            let options = if round == 0 { &GLOBAL } else { &FINAL };
+            let options = &GLOBAL;
             let num_changed = self.refine(options, progress)?;
             let num_active: usize = self.tracks.iter().map(|track| track.num_active()).sum();
             if round > 0 && (num_changed as f64) <= STEADY_FRACTION * num_active as f64 {

@@ -90,20 +90,23 @@ impl<'a> View<'a> {
     }
 
     /// Points of this view that `other` has in view, from a similar side.
-    fn visible_in<'s>(&'s self, other: &'s View<'_>) -> impl Iterator<Item = PointId> + 's {
+    fn visible_in(&self, other: &View<'_>) -> Vec<PointId> {
         let in_view = |x: &Point3<f64>| {
-            let pixel = other.camera.project(&(other.image.cam_from_world * x));
             let (ray, other_ray) = (x - self.center, x - other.center);
-            pixel.is_some_and(|pixel| other.camera.contains(&pixel))
-                && ray.angle(&other_ray) < MAX_CHANGE
+            let norms = ray.norm() * other_ray.norm();
+            ray.dot(&other_ray) > MAX_CHANGE.cos() * norms
                 && (ray.norm() / other_ray.norm()).ln().abs() < MAX_CHANGE
+                && other
+                    .camera
+                    .project(&(other.image.cam_from_world * x))
+                    .is_some_and(|pixel| other.camera.contains(&pixel))
         };
-        self.points.iter().filter(move |(_, x)| in_view(x)).map(|(id, _)| *id)
+        self.points.iter().filter(|(_, x)| in_view(x)).map(|(id, _)| *id).collect()
     }
 
-    /// Part of the points that `other` has in view.
-    fn overlap(&self, other: &View<'_>) -> f64 {
-        self.visible_in(other).count() as f64 / self.points.len() as f64
+    /// `num_visible` as a part of the points of this view.
+    fn part(&self, num_visible: usize) -> f64 {
+        num_visible as f64 / self.points.len() as f64
     }
 
     /// Whether it is worth asking more closely.
@@ -121,14 +124,13 @@ fn shared_ratio(views: &[View<'_>], i: usize) -> Option<f64> {
         .enumerate()
         .filter(|&(j, other)| j != i && view.is_near(other))
         .filter_map(|(_, other)| {
-            let overlap = view.overlap(other).min(other.overlap(view));
-            let (mut num_visible, mut num_shared) = (0usize, 0usize);
-            for id in view.visible_in(other) {
-                num_visible += 1;
-                num_shared += usize::from(other.seen.contains(&id));
+            let visible = view.visible_in(other);
+            if visible.len() < MIN_VISIBLE || view.part(visible.len()) <= MIN_OVERLAP {
+                return None;
             }
-            (overlap > MIN_OVERLAP && num_visible >= MIN_VISIBLE)
-                .then(|| (overlap, num_shared as f64 / num_visible as f64))
+            let overlap = view.part(visible.len()).min(other.part(other.visible_in(view).len()));
+            let num_shared = visible.iter().filter(|id| other.seen.contains(id)).count();
+            (overlap > MIN_OVERLAP).then(|| (overlap, num_shared as f64 / visible.len() as f64))
         })
         .collect();
     let nearest = similar.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
