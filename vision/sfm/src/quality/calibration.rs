@@ -17,6 +17,9 @@ use super::drift::gauge;
 const PROBE: f64 = 1.03;
 /// Steps of a probing adjustment.
 const PROBE_ITERATIONS: usize = 15;
+/// Sightings that tell a wrong calibration as surely as all, at a part of the cost.
+const MAX_SIGHTINGS: usize = 40_000;
+
 /// Relative standard deviation of the focal length of `camera` in a refined model: the camera is
 /// given a focal length three percent longer, everything else (distortion included) adjusts to
 /// it, and the rise of the squared residuals tells how much the images mind:
@@ -31,7 +34,7 @@ pub fn focal_sigma(
     camera: CameraId,
     progress: &dyn Progress,
 ) -> Result<Option<f64>, Cancelled> {
-    let Some((mut free, slot)) = problem_of(model, camera) else { return Ok(None) };
+    let Some((mut free, slot)) = problem_of(model, camera, 1) else { return Ok(None) };
     free.cameras[slot].refine.distortion = true;
     let mut probed = free.clone();
     let focals = free.cameras[slot].camera.model.num_focals();
@@ -86,7 +89,8 @@ pub fn calibration_shift(
     camera: CameraId,
     progress: &dyn Progress,
 ) -> Result<Option<CalibrationShift>, Cancelled> {
-    let Some((mut held, slot)) = problem_of(model, camera) else { return Ok(None) };
+    let step = model.num_observations().div_ceil(MAX_SIGHTINGS).max(1);
+    let Some((mut held, slot)) = problem_of(model, camera, step) else { return Ok(None) };
     if adjusted_cost(&mut held, progress)?.is_none() {
         return Ok(None);
     }
@@ -168,9 +172,13 @@ fn center(cam_from_world: &Isometry3<f64>) -> Point3<f64> {
     cam_from_world.inverse() * Point3::origin()
 }
 
-/// `model` as it stands, all intrinsics held, and the place of `camera` in it; `None` if that
-/// sees nothing.
-fn problem_of(model: &SparseModel, camera: CameraId) -> Option<(BundleProblem, usize)> {
+/// `model` as it stands with every `step`-th point, all intrinsics held, and the place of `camera` in
+/// it; `None` if that sees nothing.
+fn problem_of(
+    model: &SparseModel,
+    camera: CameraId,
+    step: usize,
+) -> Option<(BundleProblem, usize)> {
     let slot_of_camera: BTreeMap<CameraId, u32> = model.cameras.keys().copied().zip(0..).collect();
     let slot_of_image: BTreeMap<ImageId, u32> = model.images.keys().copied().zip(0..).collect();
     let mut problem = BundleProblem {
@@ -195,7 +203,7 @@ fn problem_of(model: &SparseModel, camera: CameraId) -> Option<(BundleProblem, u
         });
     }
     let mut sees = false;
-    for (point, of_point) in (0..).zip(model.points.values()) {
+    for (point, of_point) in (0..).zip(model.points.values().step_by(step)) {
         problem.points.push(of_point.position);
         for observation in &of_point.track {
             let Some(&pose) = slot_of_image.get(&observation.image) else { continue };
