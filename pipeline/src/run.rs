@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use volery_scene::{EnvironmentMap, ImagePrior, OriginRule, Progress, Stage, TwoViewKind, Verdict};
+use volery_scene::{EnvironmentMap, ImagePrior, OriginRule, Progress, Stage, Verdict};
 use volery_sfm::{AlignOptions, Reconstruction, environment_map};
 
 use crate::{
@@ -120,7 +120,7 @@ fn build(
     )?;
     trace.stages.push(watch.stage("mapping", photos.len(), usize::from(cached) * photos.len()));
     trace.mapper = reconstruction.mapper.to_owned();
-    check_reconstruction(&reconstruction, &matched)?;
+    check_reconstruction(&reconstruction)?;
 
     let watch = Stopwatch::start();
     progress.check()?;
@@ -223,30 +223,14 @@ fn check_pairs(matched: &Matched, num_photos: usize) -> Result<(), PipelineError
     Ok(())
 }
 
-fn check_reconstruction(
-    reconstruction: &Reconstruction,
-    matched: &Matched,
-) -> Result<(), PipelineError> {
+fn check_reconstruction(reconstruction: &Reconstruction) -> Result<(), PipelineError> {
     let quality = &reconstruction.quality;
-    let num_rotation_only =
-        matched.pairs.iter().filter(|p| p.kind == TwoViewKind::RotationOnly).count();
-    // Few points are what comes of turning, not why; and they are no map, only noise.
-    let only_turned = num_rotation_only * 2 > matched.pairs.len()
-        && (reconstruction.models.is_empty()
-            || quality.reasons.iter().any(|reason| reason.code == "few_points"));
-    if !only_turned && !reconstruction.models.is_empty() && quality.verdict != Verdict::Failed {
+    if !reconstruction.models.is_empty() && quality.verdict != Verdict::Failed {
         return Ok(());
     }
     let (code, detail) = match quality.reasons.first() {
-        Some(reason) if !only_turned => (reason.code.as_str(), reason.detail.clone()),
-        _ if only_turned => {
-            let detail = format!(
-                "in {num_rotation_only} of {} image pairs the camera only turned",
-                matched.pairs.len()
-            );
-            (code::NO_PARALLAX, detail)
-        }
-        _ => (code::NO_MODEL, "no part of the scene could be built".to_owned()),
+        Some(reason) => (reason.code.as_str(), reason.detail.clone()),
+        None => (code::NO_MODEL, "no part of the scene could be built".to_owned()),
     };
     Err(PipelineError::new(code, detail, advice_for(code)))
 }
