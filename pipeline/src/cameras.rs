@@ -78,7 +78,7 @@ pub(crate) fn assign_cameras(spec: &JobSpec, photos: &[Usable]) -> Result<Camera
             Some(id) => id,
             None => {
                 let (camera, source) = match given {
-                    Some(camera) => (given_camera(camera), CameraSource::Given),
+                    Some(camera) => (SfmCamera::calibrated(camera), CameraSource::Given),
                     None => own_camera(hint, num_of(hint))?,
                 };
                 order.push((group, camera, source));
@@ -132,10 +132,6 @@ pub(crate) fn scaled_to(camera: &Camera, width: u32, height: u32) -> Option<Came
     } else {
         None
     }
-}
-
-fn given_camera(camera: Camera) -> SfmCamera {
-    SfmCamera { camera, refine: IntrinsicsRefinement::FIXED, focal_is_guess: false }
 }
 
 /// A camera without calibration: from EXIF or guessed, to be refined.

@@ -1,7 +1,6 @@
 //! Third stage: verified pairs to a reconstruction.
 
-use nalgebra::Point2;
-use volery_scene::{CameraId, ImageId, ImagePrior, Progress, Stage, TwoViewGeometry};
+use volery_scene::{CameraId, ImagePrior, Progress, Stage, TwoViewGeometry};
 use volery_sfm::{ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct};
 
 use crate::{
@@ -44,19 +43,11 @@ pub(crate) fn map_pairs(
         .iter()
         .enumerate()
         .map(|(i, usable)| SfmImage {
-            id: ImageId(i as u32),
             name: spec.images[usable.input].name.clone(),
             camera: camera_of[i],
-            keypoints: usable
-                .photo
-                .features
-                .keypoints
-                .iter()
-                .map(|k| Point2::new(f64::from(k.x), f64::from(k.y)))
-                .collect(),
             colors: usable.photo.colors.clone(),
-            features: usable.photo.features.clone(),
             prior: priors[i],
+            ..SfmImage::from_features(i, usable.photo.features.clone())
         })
         .collect();
     let reconstruction = reconstruct(&images, cameras, pairs, &options.mapper, progress).map_err(

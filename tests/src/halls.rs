@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_estimation::{TwoViewOptions, estimate_two_view_geometry};
 use volery_features::{
     MatchOptions, PackedDescriptors, SiftOptions, detect_and_describe, match_features,
 };
-use volery_scene::{CameraId, Features, ImageId, NoProgress, TwoViewGeometry};
+use volery_scene::{Features, ImageId, NoProgress, TwoViewGeometry};
 use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, reconstruct};
 use volery_synthetic::DemoHall;
 
@@ -37,20 +37,12 @@ impl MappedHall {
             .zip(&features)
             .enumerate()
             .map(|(index, (shot, features))| SfmImage {
-                id: ImageId(index as u32),
                 name: shot.name.clone(),
-                camera: CameraId(0),
-                keypoints: features.keypoints.iter().map(|k| k.pixel()).collect(),
-                colors: vec![[128; 3]; features.len()],
-                features: Arc::new(features.clone()),
                 prior: shot.prior,
+                ..SfmImage::from_features(index, Arc::new(features.clone()))
             })
             .collect();
-        let camera = SfmCamera {
-            camera: *demo.camera(),
-            refine: IntrinsicsRefinement::FIXED,
-            focal_is_guess: false,
-        };
+        let camera = SfmCamera::calibrated(*demo.camera());
         let options = MapperOptions::default();
         let reconstruction = reconstruct(&images, &[camera], &pairs, &options, &NoProgress)
             .expect("the scan of a hall can be mapped");

@@ -1,11 +1,9 @@
 //! Point scenes through two-view geometry and the mapper, judged against the truth.
 
-use std::sync::Arc;
-
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::Camera;
-use volery_scene::{CameraId, ImageId, ImagePrior, NoProgress, TwoViewGeometry};
+use volery_scene::{ImageId, NoProgress, TwoViewGeometry};
 use volery_sfm::{
     MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
 };
@@ -88,13 +86,8 @@ pub fn map_pairs(
         .iter()
         .enumerate()
         .map(|(index, keypoints)| SfmImage {
-            id: ImageId(index as u32),
             name: image_name(index),
-            camera: CameraId(0),
-            keypoints: keypoints.clone(),
-            colors: vec![[128; 3]; keypoints.len()],
-            features: Arc::default(),
-            prior: ImagePrior::default(),
+            ..SfmImage::from_keypoints(index, keypoints.clone())
         })
         .collect();
     let camera = knowledge.camera(&scene.camera);

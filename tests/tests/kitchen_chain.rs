@@ -6,12 +6,12 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_estimation::{TwoViewOptions, estimate_two_view_geometry};
 use volery_features::{
     MatchOptions, PackedDescriptors, SiftOptions, detect_and_describe, match_features,
 };
 use volery_formats::{DecodeLimits, decode_image};
-use volery_scene::{CameraId, Features, ImageId, ImagePrior, NoProgress, TwoViewGeometry, Verdict};
+use volery_scene::{Features, NoProgress, TwoViewGeometry, Verdict};
 use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, reconstruct};
 use volery_tests::evaluation::poses_of;
 use volery_tests::shared::read_poses;
@@ -21,24 +21,15 @@ use volery_tests::{Alignment, SharedSet, evaluate};
 const MAX_ERROR: f64 = 0.01;
 
 fn map(set: &SharedSet, features: &[Features], window: usize) -> Reconstruction {
-    let camera = SfmCamera {
-        camera: set.camera.expect("the kitchen is calibrated"),
-        refine: IntrinsicsRefinement::FIXED,
-        focal_is_guess: false,
-    };
+    let camera = SfmCamera::calibrated(set.camera.expect("the kitchen is calibrated"));
     let images: Vec<SfmImage> = set
         .images
         .iter()
         .zip(features)
         .enumerate()
         .map(|(index, (name, features))| SfmImage {
-            id: ImageId(index as u32),
             name: name.clone(),
-            camera: CameraId(0),
-            keypoints: features.keypoints.iter().map(|k| k.pixel()).collect(),
-            colors: vec![[128; 3]; features.len()],
-            features: Arc::new(features.clone()),
-            prior: ImagePrior::default(),
+            ..SfmImage::from_features(index, Arc::new(features.clone()))
         })
         .collect();
     let packed: Vec<_> = features.iter().map(|f| PackedDescriptors::new(&f.descriptors)).collect();

@@ -10,10 +10,8 @@
 //!
 //! Prints seconds of CPU per stage and the figures of the map.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
@@ -25,9 +23,7 @@ use volery_formats::{
     read_two_view_geometries, write_features, write_poses_csv, write_two_view_geometries,
 };
 use volery_geometry::{Camera, CameraModel};
-use volery_scene::{
-    CameraId, Features, ImageId, ImagePrior, NoProgress, Quality, TwoViewGeometry, Verdict,
-};
+use volery_scene::{CameraId, Features, NoProgress, Quality, TwoViewGeometry, Verdict};
 use volery_sfm::quality::Evidence;
 use volery_sfm::self_calibration::start_cameras;
 use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, map_globally, reconstruct};
@@ -194,13 +190,10 @@ fn main() -> Result<(), Error> {
         .zip(&photos)
         .enumerate()
         .map(|(index, (path, photo))| SfmImage {
-            id: ImageId(index as u32),
             name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             camera: CameraId(if cameras.len() > 1 { index as u32 } else { 0 }),
-            keypoints: photo.features.keypoints.iter().map(|k| k.pixel()).collect(),
             colors: photo.colors.clone(),
-            features: Arc::new(photo.features.clone()),
-            prior: ImagePrior::default(),
+            ..SfmImage::from_features(index, Arc::new(photo.features.clone()))
         })
         .collect();
 

@@ -28,6 +28,13 @@ pub struct SfmCamera {
     pub focal_is_guess: bool,
 }
 
+impl SfmCamera {
+    /// A camera with a calibration that is held.
+    pub fn calibrated(camera: Camera) -> Self {
+        Self { camera, refine: IntrinsicsRefinement::FIXED, focal_is_guess: false }
+    }
+}
+
 /// An image as the mapper sees it. Position in the slice = order of capture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SfmImage {
@@ -45,6 +52,27 @@ pub struct SfmImage {
     pub features: Arc<Features>,
     /// What else is known.
     pub prior: ImagePrior,
+}
+
+impl SfmImage {
+    /// The image at `index`, of the first camera, gray, named by its index, with nothing else known.
+    pub fn from_keypoints(index: usize, keypoints: Vec<Point2<f64>>) -> Self {
+        Self {
+            id: ImageId(index as u32),
+            name: format!("{index:04}"),
+            camera: CameraId(0),
+            colors: vec![[128; 3]; keypoints.len()],
+            keypoints,
+            features: Arc::default(),
+            prior: ImagePrior::default(),
+        }
+    }
+
+    /// The same with the scales and descriptors of its keypoints.
+    pub fn from_features(index: usize, features: Arc<Features>) -> Self {
+        let keypoints = features.keypoints.iter().map(|k| k.pixel()).collect();
+        Self { features, ..Self::from_keypoints(index, keypoints) }
+    }
 }
 
 /// Options of [`reconstruct`].

@@ -138,23 +138,15 @@ impl Forest {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use nalgebra::Point2;
-    use volery_scene::{CameraId, FeatureMatch, ImagePrior, TwoViewKind};
+    use volery_scene::{FeatureMatch, TwoViewKind};
 
     use super::*;
 
     fn image(id: u32, keypoints: &[(f64, f64)]) -> SfmImage {
-        SfmImage {
-            id: ImageId(id),
-            name: id.to_string(),
-            camera: CameraId(0),
-            keypoints: keypoints.iter().map(|&(x, y)| Point2::new(x, y)).collect(),
-            colors: vec![[0; 3]; keypoints.len()],
-            features: Arc::default(),
-            prior: ImagePrior::default(),
-        }
+        let keypoints = keypoints.iter().map(|&(x, y)| Point2::new(x, y)).collect();
+        SfmImage::from_keypoints(id as usize, keypoints)
     }
 
     fn pair(image1: u32, image2: u32, matches: &[(u32, u32)]) -> TwoViewGeometry {

@@ -3,11 +3,9 @@
 use std::{collections::BTreeSet, sync::Arc};
 
 use nalgebra::Point3;
-use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_estimation::{TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::{Camera, CameraModel};
-use volery_scene::{
-    CameraId, Descriptor, Features, ImageId, ImagePrior, Keypoint, NoProgress, SparseModel,
-};
+use volery_scene::{Descriptor, Features, ImageId, Keypoint, NoProgress, SparseModel};
 use volery_sfm::{MapperOptions, SfmCamera, SfmImage, reconstruct};
 use volery_synthetic::{PointOptions, PointScene, Rng, Room, ring};
 
@@ -60,25 +58,16 @@ fn model(scene: &PointScene, with_features: bool) -> SparseModel {
         })
         .collect();
     let images: Vec<SfmImage> = (0..scene.keypoints.len())
-        .map(|index| SfmImage {
-            id: ImageId(index as u32),
-            name: format!("{index:04}.jpg"),
-            camera: CameraId(0),
-            keypoints: scene.keypoints[index].clone(),
-            colors: vec![[128; 3]; scene.keypoints[index].len()],
-            features: if with_features {
-                Arc::new(features(scene, index, &looks))
+        .map(|index| {
+            let image = SfmImage::from_keypoints(index, scene.keypoints[index].clone());
+            if with_features {
+                SfmImage { features: Arc::new(features(scene, index, &looks)), ..image }
             } else {
-                Arc::default()
-            },
-            prior: ImagePrior::default(),
+                image
+            }
         })
         .collect();
-    let camera = SfmCamera {
-        camera: scene.camera,
-        refine: IntrinsicsRefinement::FIXED,
-        focal_is_guess: false,
-    };
+    let camera = SfmCamera::calibrated(scene.camera);
     let options = MapperOptions::default();
     let mut found = reconstruct(&images, &[camera], &pairs, &options, &NoProgress).unwrap();
     found.models.swap_remove(0)

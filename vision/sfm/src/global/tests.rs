@@ -2,12 +2,10 @@
 
 mod graphs;
 
-use std::sync::Arc;
-
 use nalgebra::UnitQuaternion;
-use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_estimation::{TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::similarity_from_points;
-use volery_scene::{CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry};
+use volery_scene::{ImageId, NoProgress, SparseModel, TwoViewGeometry};
 use volery_synthetic::{CenterMotion, PointScene};
 
 use super::map_globally;
@@ -27,21 +25,9 @@ fn scan(motion: CenterMotion, seed: u64) -> Scan {
         .keypoints
         .iter()
         .enumerate()
-        .map(|(index, keypoints)| SfmImage {
-            id: ImageId(index as u32),
-            name: format!("{index:02}"),
-            camera: CameraId(0),
-            keypoints: keypoints.clone(),
-            colors: vec![[0; 3]; keypoints.len()],
-            features: Arc::default(),
-            prior: ImagePrior::default(),
-        })
+        .map(|(index, keypoints)| SfmImage::from_keypoints(index, keypoints.clone()))
         .collect();
-    let cameras = vec![SfmCamera {
-        camera: scene.camera,
-        refine: IntrinsicsRefinement::FIXED,
-        focal_is_guess: false,
-    }];
+    let cameras = vec![SfmCamera::calibrated(scene.camera)];
     let pairs = scene
         .matches
         .iter()

@@ -1,12 +1,10 @@
 //! Observed scenes as the mapper takes them, and how far a map is from the truth.
 
-use std::sync::Arc;
-
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
-use volery_estimation::{IntrinsicsRefinement, TwoViewOptions, estimate_two_view_geometry};
+use volery_estimation::{TwoViewOptions, estimate_two_view_geometry};
 use volery_geometry::{Camera, CameraModel};
-use volery_scene::{CameraId, ImageId, ImagePrior, NoProgress, SparseModel, TwoViewGeometry};
+use volery_scene::{ImageId, NoProgress, SparseModel, TwoViewGeometry};
 use volery_sfm::{MapperOptions, Reconstruction, SfmCamera, SfmImage, reconstruct};
 use volery_synthetic::{PointOptions, PointScene};
 
@@ -19,7 +17,7 @@ pub(crate) fn options() -> PointOptions {
 }
 
 pub(crate) fn fixed(camera: Camera) -> SfmCamera {
-    SfmCamera { camera, refine: IntrinsicsRefinement::FIXED, focal_is_guess: false }
+    SfmCamera::calibrated(camera)
 }
 
 pub(crate) fn images(scene: &PointScene) -> Vec<SfmImage> {
@@ -27,15 +25,7 @@ pub(crate) fn images(scene: &PointScene) -> Vec<SfmImage> {
         .keypoints
         .iter()
         .enumerate()
-        .map(|(index, keypoints)| SfmImage {
-            id: ImageId(index as u32),
-            name: format!("{index:04}.jpg"),
-            camera: CameraId(0),
-            keypoints: keypoints.clone(),
-            colors: vec![[90, 120, 150]; keypoints.len()],
-            features: Arc::default(),
-            prior: ImagePrior::default(),
-        })
+        .map(|(index, keypoints)| SfmImage::from_keypoints(index, keypoints.clone()))
         .collect()
 }
 
