@@ -68,6 +68,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "thiserror",
         ],
     ),
+    ("volery-mvs", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     (
         "volery-localization",
         &[

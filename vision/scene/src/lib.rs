@@ -1,13 +1,16 @@
 //! The nouns of a reconstruction, in the order of the data.
 
+pub mod depth_map;
 pub mod features;
 pub mod image;
 pub mod map;
 pub mod matches;
+pub mod point_cloud;
 pub mod priors;
 pub mod progress;
 pub mod sparse;
 
+pub use depth_map::{DepthMap, OctNormal};
 pub use features::{DESCRIPTOR_LEN, Descriptor, Features, Keypoint};
 pub use image::{CameraId, GrayImage, ImageId, ImageSize, PointId};
 pub use map::{
@@ -15,6 +18,7 @@ pub use map::{
     Verdict,
 };
 pub use matches::{FeatureMatch, TwoViewGeometry, TwoViewKind};
+pub use point_cloud::{OrientedPoint, PointCloud};
 pub use priors::{AttitudePrior, HeightPrior, ImagePrior, KnownDistance, PositionPrior};
 pub use progress::{Cancelled, NoProgress, Progress, Stage};
 pub use sparse::{

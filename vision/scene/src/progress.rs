@@ -16,14 +16,26 @@ pub enum Stage {
     Mapping,
     /// Gravity, scale, origin; unit: steps.
     Align,
+    /// Depth of every pixel; unit: images, each counted twice (alone, and beside the others).
+    DepthMaps,
+    /// Depth maps to one cloud; unit: images.
+    Fusion,
     /// Files of the map; unit: files.
     Export,
 }
 
 impl Stage {
     /// Every stage in order.
-    pub const ALL: [Self; 6] =
-        [Self::Features, Self::Pairs, Self::Matching, Self::Mapping, Self::Align, Self::Export];
+    pub const ALL: [Self; 8] = [
+        Self::Features,
+        Self::Pairs,
+        Self::Matching,
+        Self::Mapping,
+        Self::Align,
+        Self::DepthMaps,
+        Self::Fusion,
+        Self::Export,
+    ];
 
     /// Its name in the API.
     pub fn name(self) -> &'static str {
@@ -33,6 +45,8 @@ impl Stage {
             Self::Matching => "matching",
             Self::Mapping => "mapping",
             Self::Align => "align",
+            Self::DepthMaps => "depth_maps",
+            Self::Fusion => "fusion",
             Self::Export => "export",
         }
     }
@@ -40,7 +54,9 @@ impl Stage {
     /// What `done` and `total` count.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Features | Self::Pairs | Self::Mapping => "images",
+            Self::Features | Self::Pairs | Self::Mapping | Self::DepthMaps | Self::Fusion => {
+                "images"
+            }
             Self::Matching => "pairs",
             Self::Align => "steps",
             Self::Export => "files",

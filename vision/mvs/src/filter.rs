@@ -1,0 +1,208 @@
+//! What no other image confirms, or what another sees through, is forgotten.
+
+use rayon::prelude::*;
+use volery_scene::DepthMap;
+
+use crate::related::{Related, related};
+
+/// Other maps that are asked.
+const MAX_RELATED: usize = 12;
+/// Distance within which a pixel comes back to itself through the other map, pixels.
+const SAME_PIXEL_PX: f32 = 2.0;
+/// Relative distance by which a point must lie in front of a surface that is seen behind it.
+const IN_FRONT: f32 = 0.03;
+/// Other maps that have to confirm a pixel; of a pixel with [`SURE`] confidence one less.
+const MIN_CONFIRMATIONS: usize = 2;
+/// Confidence of pixels that correlate well.
+const SURE: u8 = 140;
+/// Confidence below which a pixel is not worth asking for, and its map no witness.
+const MIN_CONFIDENCE: u8 = 40;
+/// Pixels of a connected piece of surface that is too small to be one.
+const MIN_PIECE: usize = 60;
+/// Relative difference of depth within which neighboring pixels are connected.
+const CONNECTED: f32 = 0.02;
+
+/// Forgets the pixels that too few other maps confirm, those that more maps see through
+/// than confirm (P43), and small pieces.
+pub fn filter_depth_maps(maps: &[DepthMap]) -> Vec<DepthMap> {
+    let relations = related(maps, MAX_RELATED);
+    let filter = |(map, related): (&DepthMap, &Vec<Related>)| {
+        let mut kept = map.clone();
+        for index in 0..map.depth.len() {
+            if !is_confirmed(map, index, related) {
+                kept.clear(index);
+            }
+        }
+        remove_small_pieces(&mut kept);
+        kept
+    };
+    maps.par_iter().zip(&relations).map(filter).collect()
+}
+
+/// Forgets inferred pixels that another map sees through.
+pub(crate) fn remove_seen_through(maps: &[DepthMap]) -> Vec<DepthMap> {
+    let relations = related(maps, MAX_RELATED);
+    let remove = |(map, related): (&DepthMap, &Vec<Related>)| {
+        let mut kept = map.clone();
+        for index in (0..map.depth.len()).filter(|&index| map.inferred[index]) {
+            let landings = related.iter().filter_map(|other| {
+                let landing = other.landing(map, index)?;
+                (!other.map.inferred[landing.pixel]).then_some(landing)
+            });
+            if landings.into_iter().any(|l| l.depth < l.known * (1.0 - IN_FRONT)) {
+                kept.clear(index);
+            }
+        }
+        kept
+    };
+    maps.par_iter().zip(&relations).map(remove).collect()
+}
+
+fn is_confirmed(map: &DepthMap, index: usize, related: &[Related]) -> bool {
+    if map.depth[index] <= 0.0 || map.confidence[index] < MIN_CONFIDENCE {
+        return false;
+    }
+    let (mut confirmed, mut seen_through) = (0, 0);
+    for other in related {
+        let Some(landing) = other.landing(map, index) else { continue };
+        if other.map.confidence[landing.pixel] < MIN_CONFIDENCE {
+            continue;
+        }
+        if other.is_same_surface(map, index, &landing)
+            && other.round_trip_px(map, index, &landing) < SAME_PIXEL_PX
+        {
+            confirmed += 1;
+        } else if landing.depth < landing.known * (1.0 - IN_FRONT) {
+            seen_through += 1;
+        }
+    }
+    let enough = MIN_CONFIRMATIONS - usize::from(map.confidence[index] >= SURE);
+    confirmed >= enough && confirmed > seen_through
+}
+
+/// Forgets connected pieces of fewer than [`MIN_PIECE`] pixels.
+fn remove_small_pieces(map: &mut DepthMap) {
+    let (width, height) = (map.width(), map.height());
+    let mut visited = vec![false; map.depth.len()];
+    let mut piece = Vec::new();
+    for start in 0..map.depth.len() {
+        if visited[start] || map.depth[start] <= 0.0 {
+            continue;
+        }
+        visited[start] = true;
+        piece.clear();
+        piece.push(start);
+        let mut next = 0;
+        while let Some(&index) = piece.get(next) {
+            next += 1;
+            let (x, y) = (index % width, index / width);
+            let around = [
+                (x > 0).then(|| index - 1),
+                (x + 1 < width).then_some(index + 1),
+                (y > 0).then(|| index - width),
+                (y + 1 < height).then_some(index + width),
+            ];
+            for neighbor in around.into_iter().flatten() {
+                let (a, b) = (map.depth[index], map.depth[neighbor]);
+                if !visited[neighbor] && b > 0.0 && (a - b).abs() < CONNECTED * a.min(b) {
+                    visited[neighbor] = true;
+                    piece.push(neighbor);
+                }
+            }
+        }
+        if piece.len() < MIN_PIECE {
+            for &index in &piece {
+                map.clear(index);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volery_geometry::{Camera, CameraModel, Isometry3, Vector3};
+    use volery_scene::{ImageId, OctNormal};
+
+    use super::*;
+
+    const WIDTH: u32 = 40;
+    const HEIGHT: u32 = 30;
+
+    /// Views of the plane z = 2 from places along x.
+    fn views(num: u32) -> Vec<DepthMap> {
+        let camera = Camera::from_focal(CameraModel::Pinhole, WIDTH, HEIGHT, 40.0).unwrap();
+        let view = |index: u32| {
+            let cam_from_world = Isometry3::translation(-0.1 * f64::from(index), 0.0, 0.0);
+            let mut map = DepthMap::empty(ImageId(index), camera, cam_from_world);
+            map.depth.fill(2.0);
+            map.normals.fill(OctNormal::from(Vector3::new(0.0, 0.0, -1.0)));
+            map.confidence.fill(200);
+            map
+        };
+        (0..num).map(view).collect()
+    }
+
+    /// Pixels of a square in the middle, `size` wide.
+    fn middle(size: usize) -> impl Iterator<Item = usize> {
+        let (left, top) = ((WIDTH as usize - size) / 2, (HEIGHT as usize - size) / 2);
+        (0..size * size).map(move |k| (top + k / size) * WIDTH as usize + left + k % size)
+    }
+
+    #[test]
+    fn what_all_agree_on_is_kept() {
+        let kept = filter_depth_maps(&views(4));
+        for map in &kept {
+            // A view that is moved by two pixels sees all but two columns.
+            assert!(map.num_known() >= 36 * HEIGHT as usize);
+        }
+    }
+
+    /// Something that one map alone puts before the wall, and a depth that no other map has.
+    #[test]
+    fn what_nobody_confirms_is_forgotten() {
+        for wrong in [1.2, 2.3] {
+            let mut maps = views(4);
+            middle(12).for_each(|index| maps[1].depth[index] = wrong);
+            let kept = filter_depth_maps(&maps);
+            assert!(middle(12).all(|index| kept[1].depth[index] == 0.0));
+            assert!(kept[1].depth[0] == 2.0);
+        }
+    }
+
+    /// Two maps agree on a surface that four others look through (P43).
+    #[test]
+    fn what_most_see_through_is_forgotten() {
+        let mut maps = views(6);
+        for map in &mut maps[..2] {
+            middle(18).for_each(|index| map.depth[index] = 1.6);
+        }
+        let kept = filter_depth_maps(&maps);
+        assert!(middle(10).all(|index| kept[0].depth[index] == 0.0));
+        assert!(middle(4).all(|index| kept[4].depth[index] == 2.0));
+        // Without those that see through they are believed: it is the votes that decide.
+        let believed = filter_depth_maps(&maps[..2]);
+        assert!(middle(10).all(|index| believed[0].depth[index] == 1.6));
+    }
+
+    #[test]
+    fn inferred_surfaces_that_others_see_through_are_forgotten() {
+        let mut maps = views(3);
+        for index in middle(10) {
+            maps[0].depth[index] = 1.5;
+            maps[0].inferred[index] = true;
+        }
+        let kept = remove_seen_through(&maps);
+        assert!(middle(10).all(|index| kept[0].depth[index] == 0.0));
+        assert!(kept[0].depth[0] == 2.0);
+    }
+
+    #[test]
+    fn specks_are_no_surface() {
+        let mut map = views(1).remove(0);
+        middle(5).for_each(|index| map.depth[index] = 1.0);
+        middle(3).for_each(|index| map.clear(index));
+        remove_small_pieces(&mut map);
+        assert!(middle(5).all(|index| map.depth[index] == 0.0));
+        assert_eq!(map.num_known(), (WIDTH * HEIGHT) as usize - 25);
+    }
+}

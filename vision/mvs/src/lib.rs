@@ -1,0 +1,29 @@
+//! Posed images to depth maps and a dense cloud: PatchMatch multi-view stereo.
+//!
+//! A depth map is a field of small planes, one per pixel. Good planes spread to their neighbors, are
+//! perturbed at random and are judged by how well the image, warped through them, agrees with other
+//! images. Coarse images come first, then the other images' depth maps have a say, then planes
+//! through trusted depths fill what has no texture, and at last all maps are fused.
+
+mod checkerboard;
+mod clusters;
+mod delaunay;
+pub mod dense;
+mod depth;
+mod dice;
+mod filter;
+mod fusion;
+mod infer;
+mod patch;
+mod patch_match;
+mod planar_prior;
+mod plane;
+mod related;
+mod selection;
+mod simd;
+mod source;
+mod working_image;
+
+pub use dense::{DenseError, DenseOptions, Photo, Photos, reconstruct_dense};
+pub use filter::filter_depth_maps;
+pub use fusion::fuse_depth_maps;

@@ -1,0 +1,120 @@
+//! Depth maps that show the same, and where the pixels of one land in another.
+
+use nalgebra::{Rotation3, Vector3};
+use rayon::prelude::*;
+use volery_scene::DepthMap;
+
+use crate::source::Transfer;
+
+/// Pixels per row and column of the grid on which maps are compared.
+const GRID: usize = 16;
+/// Relative difference of depth within which two maps see the same surface.
+const SAME_DEPTH: f32 = 0.01;
+/// Least cosine between the normals of one surface in two maps.
+const SAME_NORMAL_COS: f32 = 0.5;
+/// Part of the grid that another map has to show.
+const MIN_SHOWN: f64 = 0.03;
+
+/// Another depth map seen from a map.
+#[derive(Debug, Clone)]
+pub(crate) struct Related<'a> {
+    /// Position in the list of maps.
+    pub(crate) index: usize,
+    pub(crate) map: &'a DepthMap,
+    from_own: Transfer,
+    to_own: Transfer,
+    rotation_from_own: Rotation3<f32>,
+}
+
+/// Where a surface point lands in another map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Landing {
+    /// Index of the pixel.
+    pub(crate) pixel: usize,
+    /// Depth of the point, seen from there.
+    pub(crate) depth: f32,
+    /// Depth that the map has there.
+    pub(crate) known: f32,
+}
+
+impl<'a> Related<'a> {
+    fn new(own: &DepthMap, index: usize, map: &'a DepthMap) -> Self {
+        let other_from_own = map.cam_from_world * own.cam_from_world.inverse();
+        Self {
+            index,
+            map,
+            from_own: Transfer::new(&own.camera, &map.camera, &other_from_own),
+            to_own: Transfer::new(&map.camera, &own.camera, &other_from_own.inverse()),
+            rotation_from_own: other_from_own.rotation.to_rotation_matrix().cast(),
+        }
+    }
+
+    /// Where pixel `index` of `own` with its depth lands, `None` where the other map knows nothing.
+    pub(crate) fn landing(&self, own: &DepthMap, index: usize) -> Option<Landing> {
+        let w = 1.0 / own.depth[index];
+        let (u, v) = ((index % own.width()) as f32 + 0.5, (index / own.width()) as f32 + 0.5);
+        let [x, y, z] = self.from_own.apply(u, v, w);
+        let (x, y) = (x / z, y / z);
+        let (width, height) = (self.map.width(), self.map.height());
+        let inside = z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
+        if !inside {
+            return None;
+        }
+        let pixel = y as usize * width + x as usize;
+        let known = self.map.depth[pixel];
+        (known > 0.0).then_some(Landing { pixel, depth: z / w, known })
+    }
+
+    /// Whether the pixel and its landing agree in depth and normal.
+    pub(crate) fn is_same_surface(&self, own: &DepthMap, index: usize, landing: &Landing) -> bool {
+        let near = (landing.depth - landing.known).abs() <= SAME_DEPTH * landing.known;
+        near && {
+            let normal = self.rotation_from_own * Vector3::from(own.normals[index]);
+            normal.dot(&Vector3::from(self.map.normals[landing.pixel])) > SAME_NORMAL_COS
+        }
+    }
+
+    /// Pixels between the own pixel and where it comes back to by the other map's depth.
+    pub(crate) fn round_trip_px(&self, own: &DepthMap, index: usize, landing: &Landing) -> f32 {
+        let (u, v) = ((index % own.width()) as f32 + 0.5, (index / own.width()) as f32 + 0.5);
+        // The exact landing, not the center of its pixel: the surface is near enough the same.
+        let [x, y, z] = self.from_own.apply(u, v, 1.0 / own.depth[index]);
+        let [bx, by, bz] = self.to_own.apply(x / z, y / z, 1.0 / landing.known);
+        (bx / bz - u).hypot(by / bz - v)
+    }
+}
+
+/// For each map up to `max` others that show most of the same, the closest relative first.
+pub(crate) fn related(maps: &[DepthMap], max: usize) -> Vec<Vec<Related<'_>>> {
+    (0..maps.len())
+        .into_par_iter()
+        .map(|own| {
+            let mut others: Vec<(usize, usize)> = (0..maps.len())
+                .filter(|&other| other != own)
+                .map(|other| (num_shown(&maps[own], &maps[other]), other))
+                .filter(|&(shown, _)| shown as f64 > MIN_SHOWN * (GRID * GRID) as f64)
+                .collect();
+            others.sort_by_key(|&(shown, other)| (std::cmp::Reverse(shown), other));
+            others.truncate(max);
+            let relate = |(_, other): (usize, usize)| Related::new(&maps[own], other, &maps[other]);
+            others.into_iter().map(relate).collect()
+        })
+        .collect()
+}
+
+/// Pixels of a grid over `own` that `other` shows at about the same depth.
+fn num_shown(own: &DepthMap, other: &DepthMap) -> usize {
+    /// Relative difference of depth that says nothing against the same surface.
+    const SAME: f32 = 0.1;
+    let relation = Related::new(own, 0, other);
+    let at = |k: usize, size: usize| (2 * k + 1) * size / (2 * GRID);
+    let grid = (0..GRID).flat_map(|j| (0..GRID).map(move |i| (i, j)));
+    grid.filter(|&(i, j)| {
+        let index = at(j, own.height()) * own.width() + at(i, own.width());
+        own.depth[index] > 0.0
+            && relation
+                .landing(own, index)
+                .is_some_and(|l| (l.depth - l.known).abs() < SAME * l.known)
+    })
+    .count()
+}
