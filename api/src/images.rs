@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
 use crate::{Camera, Prior};
@@ -106,6 +106,15 @@ pub struct Image {
     pub capture_time_ns: Option<u64>,
     /// RFC 3339.
     pub created: String,
+}
+
+/// How large a thumbnail.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct ThumbnailQuery {
+    /// Longest side, pixels: 64, 128, 256, 512 or 1024; 256 when absent.
+    pub size: Option<u32>,
 }
 
 /// What became of one uploaded file.

@@ -135,12 +135,18 @@ pub struct JobResult {
     pub hint: Option<String>,
 }
 
-/// Header of a message to a decoder or localizer. The payload is the encoded image, if any.
+/// Header of a message to a decoder or localizer. The payload is the encoded image, if any; an
+/// answer has none unless the request says so.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "op", rename_all = "snake_case")]
 pub enum WorkerRequest {
     /// Payload: an image. Decode it whole; answer [`ImageCheck`].
     CheckImage {},
+    /// Payload: an image. Answer: `{"ok":true}`, with a small PNG of it as payload.
+    Thumbnail {
+        /// Longest side, pixels.
+        max_side: u32,
+    },
     /// Payload: an image. Answer [`Localization`], with `ok: true` beside its fields.
     Localize(Box<LocalizeTask>),
     /// Turn a map folder into another. Answer: `{"ok":true,"residuals":{..}}`.

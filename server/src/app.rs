@@ -90,6 +90,7 @@ fn upload_routes() -> OpenApiRouter<Arc<App>> {
 /// Routes that wait for workers or stay open.
 fn slow_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::new()
+        .routes(routes!(images::image_thumbnail))
         .routes(routes!(maps::align_map))
         .routes(routes!(exports::map_points))
         .routes(routes!(exports::export))

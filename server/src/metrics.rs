@@ -5,6 +5,8 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
+use crate::workers::PoolError;
+
 /// Counters of this process.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
@@ -33,6 +35,13 @@ impl Metrics {
     /// Counts the time of a localization.
     pub(crate) fn localized(&self, time: std::time::Duration) {
         add(&self.localize_us, time.as_micros() as u64);
+    }
+
+    /// Counts a child that died or had to be killed.
+    pub(crate) fn asked(&self, error: &PoolError) {
+        if matches!(error, PoolError::Died | PoolError::TimedOut(_)) {
+            add(&self.worker_deaths, 1);
+        }
     }
 
     /// As text, with the number of jobs per state.

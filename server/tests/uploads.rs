@@ -264,3 +264,46 @@ async fn the_same_key_makes_the_same_thing() {
     assert_eq!(other.code(), "idempotency_key_reused");
     assert_eq!(client.get("/v1/imagesets").await.json()["items"].as_array().unwrap().len(), 1);
 }
+
+#[tokio::test]
+async fn a_thumbnail_is_made_once_per_size() {
+    let server = Server::start_with(|config| config.workers.decoders = 1).await;
+    let client = &server.client;
+    let set = client.imageset(&["a.jpg"]).await;
+    let images = client.get(&format!("/v1/imagesets/{set}/images")).await.json();
+    let path = format!("/v1/images/{}/thumbnail", images["items"][0]["id"].as_str().unwrap());
+    let first = client.get(&path).await.expect(200);
+    assert_eq!(first.body, b"256 pixels, answer 2", "the first answer was the check");
+    assert_eq!(first.header("content-type"), Some("image/png"));
+    assert_eq!(client.get(&path).await.expect(200).body, first.body);
+    let small = client.get(&format!("{path}?size=64")).await.expect(200);
+    assert_eq!(small.body, b"64 pixels, answer 3");
+    let etag = first.header("etag").unwrap();
+    assert_ne!(small.header("etag"), Some(etag));
+    client.send("GET", &path, &[("If-None-Match", etag)], b"").await.expect(304);
+    for (query, code) in
+        [("size=0", "bad_size"), ("size=4096", "bad_size"), ("site=64", "unknown_field")]
+    {
+        assert_eq!(client.get(&format!("{path}?{query}")).await.expect(422).code(), code);
+    }
+    let nowhere = "/v1/images/01900000-0000-7000-8000-000000000000/thumbnail";
+    assert_eq!(client.get(nowhere).await.expect(404).code(), "not_found");
+    client.with_token(None).get(&path).await.expect(401);
+    client.delete(path.strip_suffix("/thumbnail").unwrap()).await.expect(204);
+    client.get(&path).await.expect(404);
+}
+
+/// A photo that kills the decoder is an answer; the next photo has its thumbnail.
+#[tokio::test]
+async fn a_decoder_that_dies_of_a_thumbnail_is_replaced() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let set = client.imageset(&["fatal when small.jpg", "b.jpg"]).await;
+    let images = client.get(&format!("/v1/imagesets/{set}/images")).await.json();
+    let path = |i: usize| {
+        let id = images["items"][i]["id"].as_str().unwrap();
+        format!("/v1/images/{id}/thumbnail")
+    };
+    assert_eq!(client.get(&path(0)).await.expect(503).code(), "worker_died");
+    client.get(&path(1)).await.expect(200);
+}

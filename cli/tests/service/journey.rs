@@ -2,13 +2,26 @@
 
 use std::fs;
 
+use uuid::Uuid;
 use volery_api::LocalizeStatus;
-use volery_client::LocalizeQuery;
+use volery_client::{Client, LocalizeQuery};
 
 use crate::{
     server::{Photos, Server, mapped, submit, upload},
     support::{Folder, hall_photos},
 };
+
+/// The decoder of untrusted bytes makes it, and it is a picture of the size asked for.
+async fn check_thumbnail(client: &Client, set: Uuid) {
+    let photo = &client.images(set).await.unwrap()[0];
+    let png = client.image_thumbnail(photo.id, Some(128)).await.unwrap();
+    let picture = image::load_from_memory(&png).unwrap();
+    assert_eq!(picture.width().max(picture.height()), 128);
+    let ratio = |width: u32, height: u32| f64::from(width) / f64::from(height);
+    let (of_photo, of_picture) =
+        (ratio(photo.width, photo.height), ratio(picture.width(), picture.height()));
+    assert!((of_photo / of_picture - 1.0).abs() < 0.01, "{of_photo} {of_picture}");
+}
 
 /// Upload, job with its events, localization.
 #[test]
@@ -20,7 +33,9 @@ fn photos_become_a_map_and_a_photo_finds_its_pose() {
     let client = server.client();
     runtime.block_on(async {
         let photos = Photos::in_folder(&folder.join("scan"), Some(*hall.camera()));
-        let job = submit(&client, upload(&client, &photos).await).await;
+        let set = upload(&client, &photos).await;
+        check_thumbnail(&client, set).await;
+        let job = submit(&client, set).await;
         let mut last = 0;
         let watched = client
             .watch_job(job.id, |event| {

@@ -67,6 +67,18 @@ impl Client {
         Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
     }
 
+    /// A small PNG of an image; `size` is its longest side: 64, 128, 256 (the default), 512 or
+    /// 1024 pixels.
+    pub async fn image_thumbnail(
+        &self,
+        id: Uuid,
+        size: Option<u32>,
+    ) -> Result<bytes::Bytes, ClientError> {
+        let size = size.map_or(String::new(), |size| format!("?size={size}"));
+        let path = format!("/v1/images/{id}/thumbnail{size}");
+        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+    }
+
     /// Uploads one photo. Repeating is safe: the set knows its photos by their hash.
     pub async fn upload_bytes(
         &self,

@@ -19,7 +19,7 @@ use volery_api::{
 };
 use volery_formats::{
     DecodeLimits, ImageFormat, colmap::write_colmap_binary, decode_image, read_exif, write_glb,
-    write_transforms_json,
+    write_thumbnail, write_transforms_json,
 };
 use volery_geometry::{Camera, Point3};
 use volery_localization::{LocalizationPrior, LocalizeOptions};
@@ -41,7 +41,11 @@ const MAX_MAPS: usize = 8;
 pub fn run_decoder() -> io::Result<()> {
     serve(&mut |request, payload| match request {
         WorkerRequest::CheckImage {} => reply(check_image(payload)),
-        _ => reply::<Value>(Err(failure("bad_request", "a decoder only checks images"))),
+        WorkerRequest::Thumbnail { max_side } => match thumbnail(payload, max_side) {
+            Ok(png) => Ok((reply(Ok(json!({})))?.0, png)),
+            Err(failure) => reply::<Value>(Err(failure)),
+        },
+        _ => reply::<Value>(Err(failure("bad_request", "a decoder only looks at images"))),
     })
 }
 
@@ -49,7 +53,9 @@ pub fn run_decoder() -> io::Result<()> {
 pub fn run_localizer() -> io::Result<()> {
     let mut maps = Maps::default();
     serve(&mut |request, payload| match request {
-        WorkerRequest::CheckImage {} => reply(check_image(payload)),
+        WorkerRequest::CheckImage {} | WorkerRequest::Thumbnail { .. } => {
+            reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
+        }
         WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
         WorkerRequest::Align { map_dir, out_dir, align } => {
             let outcome = align_folder(Path::new(&map_dir), Path::new(&out_dir), &align);
@@ -61,7 +67,10 @@ pub fn run_localizer() -> io::Result<()> {
     })
 }
 
-type Handler<'a> = dyn FnMut(WorkerRequest, &[u8]) -> Result<Vec<u8>, serde_json::Error> + 'a;
+/// Header and payload.
+type Answer = Result<(Vec<u8>, Vec<u8>), serde_json::Error>;
+
+type Handler<'a> = dyn FnMut(WorkerRequest, &[u8]) -> Answer + 'a;
 
 fn serve(handle: &mut Handler<'_>) -> io::Result<()> {
     if !parent::is_alive() {
@@ -70,11 +79,11 @@ fn serve(handle: &mut Handler<'_>) -> io::Result<()> {
     let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
     while let Some(header) = read_part(&mut input, MAX_WORKER_HEADER)? {
         let payload = read_part(&mut input, MAX_PAYLOAD)?.ok_or(io::ErrorKind::UnexpectedEof)?;
-        let header = match serde_json::from_slice(&header) {
+        let (header, payload) = match serde_json::from_slice(&header) {
             Ok(request) => handle(request, &payload)?,
             Err(error) => reply::<Value>(Err(failure("bad_request", error.to_string())))?,
         };
-        for part in [&header[..], &[]] {
+        for part in [&header[..], &payload] {
             output.write_all(&(part.len() as u32).to_le_bytes())?;
             output.write_all(part)?;
         }
@@ -99,10 +108,9 @@ fn read_part(input: &mut impl Read, max_len: usize) -> io::Result<Option<Vec<u8>
     Ok(Some(part))
 }
 
-fn reply<T: Serialize + for<'de> Deserialize<'de>>(
-    outcome: Result<T, WorkerFailure>,
-) -> Result<Vec<u8>, serde_json::Error> {
-    WorkerReply(outcome).to_header()
+/// An answer without payload.
+fn reply<T: Serialize + for<'de> Deserialize<'de>>(outcome: Result<T, WorkerFailure>) -> Answer {
+    Ok((WorkerReply(outcome).to_header()?, Vec::new()))
 }
 
 fn failure(code: &str, detail: impl Into<String>) -> WorkerFailure {
@@ -143,6 +151,12 @@ fn check_image(bytes: &[u8]) -> Result<ImageCheck, WorkerFailure> {
             .collect(),
         warnings,
     })
+}
+
+fn thumbnail(bytes: &[u8], max_side: u32) -> Result<Vec<u8>, WorkerFailure> {
+    let image = decode_image(bytes, &DecodeLimits::default())
+        .map_err(|e| failure(e.code(), e.to_string()))?;
+    write_thumbnail(&image, max_side).map_err(|e| failure("damaged", e.to_string()))
 }
 
 /// Open map folders, the least recently used first to go.

@@ -1,20 +1,23 @@
 //! Images.
 
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use axum::{Json, extract::State, http::HeaderMap, response::Response};
 use uuid::Uuid;
-use volery_api::{Image, Page, PageQuery};
+use volery_api::{Image, Page, PageQuery, ThumbnailQuery, worker::WorkerRequest};
 
 use super::files::{FileAnswer, answer_file};
 use crate::{
     answer::Deleted,
     auth::{Mapper, Viewer},
-    error::{ApiError, ApiResult},
+    error::{ApiError, ApiResult, Code},
     extract::{Asked, At},
     state::App,
-    store::PageAt,
+    store::{PageAt, thumbnails::THUMBNAIL_SIZES},
 };
+
+/// Longest side of a thumbnail when none is asked for, pixels.
+const DEFAULT_THUMBNAIL_SIZE: u32 = 256;
 
 /// Lists the images of a set.
 #[utoipa::path(get, path = "/v1/imagesets/{id}/images", tag = "image sets",
@@ -62,6 +65,50 @@ pub(crate) async fn image_bytes(
         media_type: if image.format == "png" { "image/png" } else { "image/jpeg" },
     };
     answer_file(file, &headers).await
+}
+
+/// A small PNG of an image, upright, never enlarged.
+#[utoipa::path(get, path = "/v1/images/{id}/thumbnail", tag = "image sets",
+    params(ThumbnailQuery, ("id" = Uuid, Path, description = "Of the image")),
+    responses((status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 206, description = "A range of its bytes", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "It is what the client has")))]
+pub(crate) async fn image_thumbnail(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+    Asked(query): Asked<ThumbnailQuery>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let size = query.size.unwrap_or(DEFAULT_THUMBNAIL_SIZE);
+    if !THUMBNAIL_SIZES.contains(&size) {
+        let detail = format!("{size} is not a size of thumbnails");
+        return Err(ApiError::new(Code::Unprocessable("bad_size"), detail)
+            .hint(format!("there are {THUMBNAIL_SIZES:?}")));
+    }
+    let image = app.store.image(id).await?;
+    let path = app.blobs.thumbnail(&image.sha256, size);
+    if !tokio::fs::try_exists(&path).await? {
+        make_thumbnail(&app, &image.sha256, size, &path).await?;
+    }
+    let file =
+        FileAnswer { path, etag: format!("{}-{size}", image.sha256), media_type: "image/png" };
+    answer_file(file, &headers).await
+}
+
+async fn make_thumbnail(app: &App, sha256: &str, size: u32, path: &Path) -> ApiResult<()> {
+    let _held = app.held_files.acquire().await.map_err(ApiError::internal)?;
+    if tokio::fs::try_exists(path).await? {
+        // Made while this one waited.
+        return Ok(());
+    }
+    let photo = tokio::fs::read(app.blobs.path(sha256)).await?;
+    let request = WorkerRequest::Thumbnail { max_side: size };
+    let timeout = app.config.workers.decode_timeout;
+    let asked = app.decoders.call_for_bytes::<serde_json::Value>(&request, &photo, timeout).await;
+    let (_, png) = asked.inspect_err(|error| app.metrics.asked(error))?;
+    let sha256 = sha256.to_owned();
+    app.with_blobs(move |blobs| blobs.put_thumbnail(&sha256, size, &png)).await
 }
 
 /// Deletes an image. Maps made of it stay.

@@ -21,7 +21,6 @@ use crate::{
     extract::{Asked, At, body_error, json_header, media_type, multipart_error, parse_json},
     metrics::add,
     state::App,
-    workers::PoolError,
 };
 
 /// A photo and what is known of it.
@@ -119,11 +118,7 @@ pub(crate) async fn localize_in(
     let request = WorkerRequest::Localize(Box::new(task));
     let timeout = app.config.workers.localize_timeout;
     let asked = app.localizers.call::<Localization>(&request, &query.image, timeout).await;
-    let mut localization = asked.inspect_err(|error| {
-        if matches!(error, PoolError::Died | PoolError::TimedOut(_)) {
-            add(&app.metrics.worker_deaths, 1);
-        }
-    })?;
+    let mut localization = asked.inspect_err(|error| app.metrics.asked(error))?;
     let elapsed = start.elapsed();
     localization.timings.total_ms = Some(elapsed.as_secs_f64() * 1e3);
     app.metrics.localized(elapsed);

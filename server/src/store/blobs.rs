@@ -21,6 +21,8 @@ use volery_api::MapFile;
 pub(crate) struct Blobs {
     blobs: PathBuf,
     tmp: PathBuf,
+    /// Small copies of photos; they can be made anew.
+    pub(super) thumbnails: PathBuf,
     reserve: u64,
     /// Read while a blob comes into place, written while old ones are deleted.
     pub(super) gate: Arc<RwLock<()>>,
@@ -36,18 +38,20 @@ pub(crate) struct Blob {
 impl Blobs {
     /// Creates the folders and drops what a crash left half-written.
     pub(crate) fn open(data: &Path, reserve: u64) -> io::Result<Self> {
-        let (blobs, tmp) = (data.join("blobs"), data.join("tmp"));
+        let (blobs, tmp, thumbnails) =
+            (data.join("blobs"), data.join("tmp"), data.join("thumbnails"));
         if tmp.exists() {
             fs::remove_dir_all(&tmp)?;
         }
         fs::create_dir_all(&tmp)?;
         fs::create_dir_all(&blobs)?;
+        fs::create_dir_all(&thumbnails)?;
         for prefix in 0..=255_u8 {
             fs::create_dir_all(blobs.join(format!("{prefix:02x}")))?;
         }
         sync_folder(&blobs)?;
         sync_folder(data)?;
-        Ok(Self { blobs, tmp, reserve, gate: Arc::default() })
+        Ok(Self { blobs, tmp, thumbnails, reserve, gate: Arc::default() })
     }
 
     /// Where a blob is; `sha256` comes from a row or from [`Self::put`].

@@ -50,6 +50,7 @@ impl Store {
         sqlx::query("DELETE FROM blobs WHERE sha256 = ?1").bind(sha256).execute(&mut *tx).await?;
         tx.commit().await?;
         tokio::fs::remove_file(path).await?;
+        blobs.drop_thumbnails(sha256).await;
         Ok(true)
     }
 }
@@ -66,7 +67,10 @@ mod tests {
     use volery_api::{CreateImageSet, worker::ImageCheck};
 
     use super::*;
-    use crate::{idempotency::Identity, store::NewImage};
+    use crate::{
+        idempotency::Identity,
+        store::{NewImage, thumbnails::THUMBNAIL_SIZES},
+    };
 
     #[tokio::test]
     async fn only_old_blobs_that_nothing_holds_are_deleted() {
@@ -103,8 +107,19 @@ mod tests {
         assert_eq!(store.collect_blobs(&blobs, day).await.unwrap(), 0);
         assert_eq!(store.collect_blobs(&blobs, Duration::ZERO).await.unwrap(), 1);
         assert!(blobs.path(&held.sha256).exists() && !blobs.path(&loose.sha256).exists());
+        let thumbnail = blobs.thumbnail(&held.sha256, THUMBNAIL_SIZES[0]);
+        let keep = |sha256: &str| {
+            let (blobs, sha256) = (blobs.clone(), sha256.to_owned());
+            let keep = move || blobs.put_thumbnail(&sha256, THUMBNAIL_SIZES[0], b"small");
+            tokio::task::spawn_blocking(keep)
+        };
+        keep(&held.sha256).await.unwrap().unwrap();
+        keep(&loose.sha256).await.unwrap().expect_err("of no photo, no copy");
+        assert_eq!(store.collect_blobs(&blobs, Duration::ZERO).await.unwrap(), 0);
+        assert_eq!(std::fs::read(&thumbnail).unwrap(), b"small");
         store.delete_imageset(set.id).await.unwrap();
         assert_eq!(store.collect_blobs(&blobs, Duration::ZERO).await.unwrap(), 1);
+        assert!(!thumbnail.exists(), "it goes with its photo");
         store.close().await;
         std::fs::remove_dir_all(data).unwrap();
     }

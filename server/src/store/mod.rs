@@ -8,6 +8,7 @@ mod imagesets;
 mod jobs;
 mod leases;
 mod maps;
+pub(crate) mod thumbnails;
 mod tokens;
 
 use std::{path::Path, time::Duration};

@@ -99,6 +99,16 @@ impl Pool {
         payload: &[u8],
         timeout: Duration,
     ) -> Result<T, PoolError> {
+        self.call_for_bytes(request, payload, timeout).await.map(|(answer, _)| answer)
+    }
+
+    /// As [`Self::call`], with the payload of the answer.
+    pub(crate) async fn call_for_bytes<T: Serialize + DeserializeOwned>(
+        &self,
+        request: &WorkerRequest,
+        payload: &[u8],
+        timeout: Duration,
+    ) -> Result<(T, Vec<u8>), PoolError> {
         let _waiting = self.waiting.try_acquire().map_err(|_| PoolError::Busy)?;
         let _place = self.places.acquire().await.map_err(|_| PoolError::Died)?;
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
@@ -107,13 +117,13 @@ impl Pool {
             None => self.start().map_err(PoolError::NoStart)?,
         };
         let header = serde_json::to_vec(request).map_err(|_| PoolError::Died)?;
-        let answer = tokio::time::timeout(timeout, worker.ask(&header, payload))
+        let (answer, payload) = tokio::time::timeout(timeout, worker.ask(&header, payload))
             .await
             .map_err(|_| PoolError::TimedOut(timeout))?
             .map_err(|_| PoolError::Died)?;
         let reply = WorkerReply::parse(&answer).map_err(|_| PoolError::Died)?;
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
-        reply.0.map_err(PoolError::Refused)
+        reply.0.map(|answer| (answer, payload)).map_err(PoolError::Refused)
     }
 
     fn start(&self) -> std::io::Result<Worker> {
@@ -127,7 +137,8 @@ impl Pool {
 }
 
 impl Worker {
-    async fn ask(&mut self, header: &[u8], payload: &[u8]) -> std::io::Result<Vec<u8>> {
+    /// Header and payload of the answer.
+    async fn ask(&mut self, header: &[u8], payload: &[u8]) -> std::io::Result<(Vec<u8>, Vec<u8>)> {
         let too_long = || std::io::Error::from(std::io::ErrorKind::InvalidInput);
         for part in [header, payload] {
             let len = u32::try_from(part.len()).map_err(|_| too_long())?;
@@ -135,10 +146,7 @@ impl Worker {
             self.stdin.write_all(part).await?;
         }
         self.stdin.flush().await?;
-        let answer = self.read_part().await?;
-        // No answer has a payload yet.
-        self.read_part().await?;
-        Ok(answer)
+        Ok((self.read_part().await?, self.read_part().await?))
     }
 
     async fn read_part(&mut self) -> std::io::Result<Vec<u8>> {

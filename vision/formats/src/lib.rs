@@ -14,6 +14,7 @@ pub mod poses_csv;
 pub mod positions_csv;
 pub mod resize;
 pub mod telemetry_csv;
+pub mod thumbnail;
 pub mod transforms_json;
 
 pub use camera_json::{CameraFileError, read_camera_json, write_camera_json};
@@ -34,6 +35,7 @@ pub use positions_csv::{NamedPosition, read_positions_csv};
 pub use resize::{downscale_to_max_side, downscaled_size};
 pub use table::TableError;
 pub use telemetry_csv::{TelemetryRow, TelemetrySigmas, read_telemetry_csv};
+pub use thumbnail::write_thumbnail;
 pub use transforms_json::write_transforms_json;
 
 mod bytes;
