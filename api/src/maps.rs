@@ -125,3 +125,23 @@ pub struct LocalizeAnswer {
     #[serde(flatten)]
     pub localization: Localization,
 }
+
+/// Which maps to look in.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct MapsQuery {
+    /// Ids of 1 to 8 different maps, separated by commas; or as a part of the form.
+    pub map_ids: Option<String>,
+}
+
+/// Where in which of several maps an image was taken, or why that is unknown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LocalizeManyAnswer {
+    /// The answer of the map that knows the image best. If another map knows it nearly as well,
+    /// this one is `ambiguous` for the reason `several_maps`, without a pose.
+    #[serde(flatten)]
+    pub best: LocalizeAnswer,
+    /// Of each map, in the order asked.
+    pub answers: Vec<LocalizeAnswer>,
+}

@@ -95,6 +95,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(exports::map_points))
         .routes(routes!(exports::export))
         .routes(routes!(localize::localize))
+        .routes(routes!(localize::localize_in_maps))
         .routes(routes!(socket::open_socket))
 }
 

@@ -206,3 +206,68 @@ async fn questions_beyond_the_queue_are_turned_away() {
     }
     assert!(answered >= 2 && refused >= 1, "{answered} answered, {refused} refused");
 }
+
+/// A photo that two maps know about as well has no place; a much weaker second map is no matter.
+#[tokio::test]
+async fn of_several_maps_the_best_answers_unless_two_are_as_good() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let mut maps = Vec::new();
+    for name in ["elsewhere.jpg", "inliers 20.jpg", "inliers 80.jpg", "inliers 90.jpg"] {
+        let job = client.reconstruct(&[name, "b.jpg"]).await;
+        let job = client.finished(&job).await;
+        maps.push(job["outputs"]["map_id"].as_str().unwrap().to_owned());
+    }
+    let jpeg = [("Content-Type", "image/jpeg")];
+    for (asked, status, best, reason) in [
+        (vec![0, 1, 2], "ok", 2, Value::Null),
+        (vec![2, 1], "ok", 2, Value::Null),
+        (vec![1], "ok", 1, Value::Null),
+        (vec![2, 3, 1], "ambiguous", 3, json!("several_maps")),
+        (vec![0], "not_found", 0, json!("too_few_matches")),
+    ] {
+        let ids: Vec<_> = asked.iter().map(|&i: &usize| maps[i].as_str()).collect();
+        let path = format!("/v1/localize?map_ids={}", ids.join(","));
+        let answer = client.send("POST", &path, &jpeg, &photo("here")).await.expect(200).json();
+        assert_eq!(answer["status"], status, "{answer:#}");
+        assert_eq!(answer["map_id"], maps[best]);
+        assert_eq!(answer["reason"], reason);
+        assert_eq!(answer["pose"].is_null(), status != "ok");
+        let answers = answer["answers"].as_array().unwrap().iter();
+        let of: Vec<_> = answers.clone().map(|answer| answer["map_id"].as_str().unwrap()).collect();
+        assert_eq!(of, ids, "in the order asked");
+        for (answer, map) in answers.zip(asked) {
+            assert_eq!(answer["status"], if map == 0 { "not_found" } else { "ok" });
+        }
+    }
+
+    let form = [("Content-Type", "multipart/form-data; boundary=cut")];
+    let head = format!(
+        "--cut\r\nContent-Disposition: form-data; name=\"map_ids\"\r\n\r\n{}, {}\r\n\
+         --cut\r\nContent-Disposition: form-data; name=\"image\"\r\n\r\n",
+        maps[0], maps[2]
+    );
+    let body = [head.as_bytes(), &photo("here"), b"\r\n--cut--\r\n"].concat();
+    let answer = client.send("POST", "/v1/localize", &form, &body).await.expect(200).json();
+    assert_eq!((&answer["status"], &answer["map_id"]), (&json!("ok"), &json!(maps[2])));
+    let one = format!("/v1/maps/{}/localize", maps[2]);
+    let refused = client.send("POST", &one, &form, &body).await.expect(422);
+    assert_eq!(refused.code(), "unknown_field");
+
+    let nowhere = "01900000-0000-7000-8000-000000000000";
+    let many: Vec<_> =
+        (0..9).map(|i| nowhere.replace("01900000", &format!("0190000{i}"))).collect();
+    for (query, status, code) in [
+        (String::new(), 422, "bad_map_ids"),
+        ("?map_ids=".to_owned(), 422, "bad_map_ids"),
+        ("?map_ids=hall".to_owned(), 422, "bad_map_ids"),
+        (format!("?map_ids={0},{0}", maps[2]), 422, "bad_map_ids"),
+        (format!("?map_ids={}", many.join(",")), 422, "bad_map_ids"),
+        (format!("?map_ids={},{nowhere}", maps[2]), 404, "not_found"),
+        (format!("?maps={}", maps[2]), 422, "unknown_field"),
+    ] {
+        let path = format!("/v1/localize{query}");
+        let answer = client.send("POST", &path, &jpeg, &photo("here")).await.expect(status);
+        assert_eq!(answer.code(), code, "{query}");
+    }
+}

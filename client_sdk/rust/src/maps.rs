@@ -1,10 +1,11 @@
 //! Maps, exports, localization.
 
 use reqwest::{Method, header};
+use serde::de::DeserializeOwned;
 use uuid::Uuid;
 use volery_api::{
-    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizePrior, Map, MapCameras,
-    MapVersion,
+    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizeManyAnswer, LocalizePrior,
+    Map, MapCameras, MapVersion,
 };
 
 use crate::{Client, ClientError};
@@ -82,7 +83,28 @@ impl Client {
         query: &LocalizeQuery,
     ) -> Result<LocalizeAnswer, ClientError> {
         let version = query.version.map_or(String::new(), |v| format!("?version={v}"));
-        let path = format!("/v1/maps/{map}/localize{version}");
+        self.ask(&format!("/v1/maps/{map}/localize{version}"), query).await
+    }
+
+    /// The pose of a photo in the active version of one of several maps, or why there is none.
+    pub async fn localize_in_maps(
+        &self,
+        maps: &[Uuid],
+        query: &LocalizeQuery,
+    ) -> Result<LocalizeManyAnswer, ClientError> {
+        if query.version.is_some() {
+            let detail = "several maps have no version in common".to_owned();
+            return Err(ClientError::BadArgument(detail));
+        }
+        let ids: Vec<_> = maps.iter().map(Uuid::to_string).collect();
+        self.ask(&format!("/v1/localize?map_ids={}", ids.join(",")), query).await
+    }
+
+    async fn ask<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        query: &LocalizeQuery,
+    ) -> Result<T, ClientError> {
         let json = |value: Result<String, serde_json::Error>| {
             value.map_err(|e| ClientError::BadArgument(e.to_string()))
         };
@@ -91,7 +113,7 @@ impl Client {
         let image = bytes::Bytes::from(query.image.clone());
         let make = || {
             let mut request = self
-                .request(Method::POST, &path)
+                .request(Method::POST, path)
                 .header(header::CONTENT_TYPE, "application/octet-stream")
                 .body(image.clone());
             if let Some(camera) = &camera {

@@ -7,10 +7,11 @@ use axum::{
     body::Bytes,
     extract::{FromRequest, Multipart, Request, State},
 };
+use futures_util::future::try_join_all;
 use uuid::Uuid;
 use volery_api::{
-    Camera, ImageEncoding, Localization, LocalizeAnswer, LocalizePrior, LocalizeStatus, MapVersion,
-    VersionQuery,
+    Camera, ImageEncoding, Localization, LocalizeAnswer, LocalizeManyAnswer, LocalizePrior,
+    LocalizeStatus, MapVersion, MapsQuery, VersionQuery,
     worker::{LocalizeTask, WorkerRequest},
 };
 
@@ -23,8 +24,15 @@ use crate::{
     state::App,
 };
 
+/// Maps that one photo may be looked for in.
+const MAX_MAPS: usize = 8;
+
+/// A second map with this part of the best map's inliers makes the answer ambiguous. Maps differ
+/// in their number of points, so this asks for more distance than rivals within a map.
+const RIVAL_SUPPORT: f64 = 0.5;
+
 /// A photo and what is known of it.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Query {
     pub(crate) image: Bytes,
     pub(crate) camera: Option<Camera>,
@@ -52,10 +60,99 @@ pub(crate) async fn localize(
     request: Request,
 ) -> ApiResult<Json<LocalizeAnswer>> {
     let start = Instant::now();
-    check_length(request.headers(), app.config.limits.image_bytes)?;
     let version = app.store.version(id, asked.version).await?;
+    let Sent { query, map_ids } = read_query(&app, request).await?;
+    if map_ids.is_some() {
+        return Err(unknown_part("map_ids"));
+    }
+    Ok(Json(localize_in(&app, &version, query, start).await?))
+}
+
+/// Finds the pose of a photo in one of several maps.
+#[utoipa::path(post, path = "/v1/localize", tag = "localization",
+    params(MapsQuery,
+        ("X-Camera" = Option<String>, Header, description = "`Camera` of a raw photo, as JSON"),
+        ("X-Pose-Prior" = Option<String>, Header, description = "`LocalizePrior` of a raw photo, as JSON")),
+    request_body(description = "A photo, or multipart parts `image`, `map_ids`, `camera` and `prior`",
+        content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"),
+            (Vec<u8> = "application/octet-stream"), (Vec<u8> = "multipart/form-data"))),
+    responses((status = 200, description = "The answer of the best map and of each", body = LocalizeManyAnswer)))]
+pub(crate) async fn localize_in_maps(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    Asked(asked): Asked<MapsQuery>,
+    request: Request,
+) -> ApiResult<Json<LocalizeManyAnswer>> {
+    let start = Instant::now();
+    let Sent { query, map_ids } = read_query(&app, request).await?;
+    let ids = match (asked.map_ids, map_ids) {
+        (Some(ids), None) | (None, Some(ids)) => parse_ids(&ids)?,
+        _ => return Err(bad_ids("map_ids must come once, in the query or in the form")),
+    };
+    let mut versions = Vec::new();
+    for id in ids {
+        versions.push(app.store.version(id, None).await?);
+    }
+    let asked = versions.iter().map(|version| localize_in(&app, version, query.clone(), start));
+    Ok(Json(choose(try_join_all(asked).await?)?))
+}
+
+/// The answer of the best map, unless a second one is as good.
+fn choose(answers: Vec<LocalizeAnswer>) -> ApiResult<LocalizeManyAnswer> {
+    let rank = |answer: &LocalizeAnswer| {
+        let rank = match answer.localization.status {
+            LocalizeStatus::Ok => 2,
+            LocalizeStatus::Ambiguous => 1,
+            LocalizeStatus::NotFound => 0,
+        };
+        (rank, answer.localization.num_inliers)
+    };
+    // The first of equals.
+    let best = answers.iter().rev().max_by_key(|answer| rank(answer));
+    let mut best = best.ok_or_else(|| bad_ids("no map was named"))?.clone();
+    let is_rival = |other: &LocalizeAnswer| {
+        let support = f64::from(other.localization.num_inliers);
+        other.map_id != best.map_id
+            && other.localization.status != LocalizeStatus::NotFound
+            && support >= RIVAL_SUPPORT * f64::from(best.localization.num_inliers)
+    };
+    if best.localization.status == LocalizeStatus::Ok && answers.iter().any(is_rival) {
+        best.localization.status = LocalizeStatus::Ambiguous;
+        best.localization.reason = Some("several_maps".to_owned());
+        best.localization.pose = None;
+        best.localization.covariance = None;
+    }
+    Ok(LocalizeManyAnswer { best, answers })
+}
+
+fn parse_ids(text: &str) -> ApiResult<Vec<Uuid>> {
+    let ids = text.split(',').map(|id| Uuid::parse_str(id.trim()));
+    let ids: Vec<Uuid> =
+        ids.collect::<Result<_, _>>().map_err(|error| bad_ids(&error.to_string()))?;
+    let mut different = ids.clone();
+    different.sort_unstable();
+    different.dedup();
+    if ids.len() > MAX_MAPS || different.len() < ids.len() {
+        return Err(bad_ids(&format!("at most {MAX_MAPS} maps, each once")));
+    }
+    Ok(ids)
+}
+
+fn bad_ids(detail: &str) -> ApiError {
+    ApiError::new(Code::Unprocessable("bad_map_ids"), detail)
+        .hint("ids of maps, separated by commas")
+}
+
+/// What came with a question.
+struct Sent {
+    query: Query,
+    map_ids: Option<String>,
+}
+
+async fn read_query(app: &App, request: Request) -> ApiResult<Sent> {
+    check_length(request.headers(), app.config.limits.image_bytes)?;
     let query = match media_type(request.headers()).as_deref() {
-        Some("multipart/form-data") => read_parts(request).await?,
+        Some("multipart/form-data") => return read_parts(request).await,
         Some("image/jpeg" | "image/png" | "application/octet-stream") => Query {
             camera: json_header(request.headers(), "x-camera")?,
             prior: json_header(request.headers(), "x-pose-prior")?,
@@ -69,14 +166,14 @@ pub(crate) async fn localize(
             ));
         }
     };
-    Ok(Json(localize_in(&app, &version, query, start).await?))
+    Ok(Sent { query, map_ids: None })
 }
 
-async fn read_parts(request: Request) -> ApiResult<Query> {
+async fn read_parts(request: Request) -> ApiResult<Sent> {
     let mut parts = Multipart::from_request(request, &())
         .await
         .map_err(|error| ApiError::new(Code::BadRequest, error.body_text()))?;
-    let mut query = Query::default();
+    let (mut query, mut map_ids) = (Query::default(), None);
     while let Some(part) = parts.next_field().await.map_err(|e| multipart_error(&e))? {
         let name = part.name().unwrap_or_default().to_owned();
         let bytes = part.bytes().await.map_err(|e| multipart_error(&e))?;
@@ -84,13 +181,15 @@ async fn read_parts(request: Request) -> ApiResult<Query> {
             "image" => query.image = bytes,
             "camera" => query.camera = Some(parse_json(&bytes)?),
             "prior" => query.prior = Some(parse_json(&bytes)?),
-            _ => {
-                let detail = format!("unknown part {name:?}");
-                return Err(ApiError::new(Code::Unprocessable("unknown_field"), detail));
-            }
+            "map_ids" => map_ids = Some(String::from_utf8_lossy(&bytes).into_owned()),
+            _ => return Err(unknown_part(&name)),
         }
     }
-    Ok(query)
+    Ok(Sent { query, map_ids })
+}
+
+fn unknown_part(name: &str) -> ApiError {
+    ApiError::new(Code::Unprocessable("unknown_field"), format!("unknown part {name:?}"))
 }
 
 /// Asks a localizer.
