@@ -5,6 +5,10 @@ use serde_json::{Value, json};
 use volery_geometry::Camera;
 use volery_scene::{EnvironmentMap, RegisteredImage};
 
+mod mesh;
+
+pub use mesh::write_glb_of_mesh;
+
 /// glTF from map axes (x forward, y left, z up to y up, z forward, x left), as `[x, y, z, w]`;
 /// the rotation of `volery_geometry::frames::gltf_from_map`.
 const GLTF_FROM_MAP: [f64; 4] = [-0.5, -0.5, -0.5, 0.5];
@@ -16,7 +20,9 @@ const FRUSTUM_DEPTH_RATIO: f64 = 0.03;
 mod gltf {
     pub(super) const FLOAT: u32 = 5126;
     pub(super) const UNSIGNED_BYTE: u32 = 5121;
+    pub(super) const UNSIGNED_INT: u32 = 5125;
     pub(super) const ARRAY_BUFFER: u32 = 34962;
+    pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
     pub(super) const POINTS: u32 = 0;
     pub(super) const LINES: u32 = 1;
     pub(super) const JSON_CHUNK: u32 = 0x4e4f_534a;
@@ -105,7 +111,7 @@ impl Buffer {
                 self.bytes.extend(value.to_le_bytes());
             }
         }
-        self.view(start, None);
+        self.view(start, gltf::ARRAY_BUFFER, None);
         self.accessors.push(json!({
             "bufferView": self.views.len() - 1,
             "componentType": gltf::FLOAT,
@@ -121,7 +127,7 @@ impl Buffer {
     fn colors(&mut self, colors: &[[u8; 3]]) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(colors.iter().flat_map(|&[r, g, b]| [r, g, b, 255]));
-        self.view(start, Some(4));
+        self.view(start, gltf::ARRAY_BUFFER, Some(4));
         self.accessors.push(json!({
             "bufferView": self.views.len() - 1,
             "componentType": gltf::UNSIGNED_BYTE,
@@ -132,12 +138,26 @@ impl Buffer {
         self.accessors.len() - 1
     }
 
-    fn view(&mut self, start: usize, stride: Option<usize>) {
+    /// Corners of triangles.
+    fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
+        let start = self.bytes.len();
+        self.bytes.extend(triangles.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        self.view(start, gltf::ELEMENT_ARRAY_BUFFER, None);
+        self.accessors.push(json!({
+            "bufferView": self.views.len() - 1,
+            "componentType": gltf::UNSIGNED_INT,
+            "count": 3 * triangles.len(),
+            "type": "SCALAR",
+        }));
+        self.accessors.len() - 1
+    }
+
+    fn view(&mut self, start: usize, target: u32, stride: Option<usize>) {
         let mut view = json!({
             "buffer": 0,
             "byteOffset": start,
             "byteLength": self.bytes.len() - start,
-            "target": gltf::ARRAY_BUFFER,
+            "target": target,
         });
         if let Some(stride) = stride {
             view["byteStride"] = json!(stride);

@@ -28,8 +28,8 @@ pub use features_file::{
     FeaturesFileError, read_features, read_two_view_geometries, write_features,
     write_two_view_geometries,
 };
-pub use glb::write_glb;
-pub use ply::{PlyCloud, PlyError, read_ply, write_ply, write_ply_of_model};
+pub use glb::{write_glb, write_glb_of_mesh};
+pub use ply::{PlyCloud, PlyError, read_ply, write_ply, write_ply_of_mesh, write_ply_of_model};
 pub use poses_csv::{NamedPose, read_poses_csv, write_poses_csv};
 pub use positions_csv::{NamedPosition, read_positions_csv};
 pub use resize::{downscale_to_max_side, downscaled_size};

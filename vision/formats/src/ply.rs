@@ -1,7 +1,11 @@
 //! Colored points as PLY.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use volery_scene::SparseModel;
+
+mod mesh;
+
+pub use mesh::write_ply_of_mesh;
 
 /// Bytes that the header may take.
 const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -13,6 +17,8 @@ pub struct PlyCloud {
     pub points: Vec<Point3<f64>>,
     /// sRGB; as many as points, white where the file has none.
     pub colors: Vec<[u8; 3]>,
+    /// As many as points, or none. [`write_ply`] leaves them out.
+    pub normals: Vec<Vector3<f32>>,
 }
 
 /// Why a file was refused.
@@ -58,6 +64,7 @@ pub fn write_ply_of_model(model: &SparseModel) -> Vec<u8> {
     write_ply(&PlyCloud {
         points: points.clone().map(|p| p.position).collect(),
         colors: points.map(|p| p.color).collect(),
+        normals: Vec::new(),
     })
 }
 
@@ -144,6 +151,8 @@ struct Layout {
     xyz: [usize; 3],
     /// Positions of red, green, blue.
     rgb: Option<[usize; 3]>,
+    /// Positions of the normal.
+    normal: Option<[usize; 3]>,
 }
 
 fn read_header(bytes: &[u8]) -> Result<(Layout, &[u8]), PlyError> {
@@ -197,6 +206,7 @@ fn read_header(bytes: &[u8]) -> Result<(Layout, &[u8]), PlyError> {
         num_vertices: num_vertices.ok_or_else(|| error("no vertices"))?,
         xyz: all(["x", "y", "z"]).ok_or_else(|| error("vertices have no x, y, z"))?,
         rgb: all(["red", "green", "blue"]),
+        normal: all(["nx", "ny", "nz"]),
         properties,
     };
     Ok((layout, &bytes[data_start..]))
@@ -212,6 +222,13 @@ impl Layout {
             Scalar::F32 | Scalar::F64 => (values[i] * 255.0).round().clamp(0.0, 255.0) as u8,
             _ => values[i].clamp(0.0, 255.0) as u8,
         };
+        if let Some(normal) = self.normal {
+            let normal = Vector3::from(normal.map(|i| values[i] as f32));
+            if !normal.iter().all(|v| v.is_finite()) {
+                return Err(PlyError::NotANumber { vertex: cloud.points.len() });
+            }
+            cloud.normals.push(normal);
+        }
         cloud.points.push(point);
         cloud.colors.push(self.rgb.map_or([255; 3], |rgb| rgb.map(color)));
         Ok(())
@@ -227,6 +244,7 @@ fn read_binary(layout: &Layout, data: &[u8], big_endian: bool) -> Result<PlyClou
     let mut cloud = PlyCloud {
         points: Vec::with_capacity(layout.num_vertices),
         colors: Vec::with_capacity(layout.num_vertices),
+        normals: Vec::new(),
     };
     let mut values = vec![0.0; layout.properties.len()];
     for record in data.chunks_exact(stride).take(layout.num_vertices) {
@@ -269,6 +287,7 @@ mod tests {
         PlyCloud {
             points: vec![Point3::new(0.5, -1.25, 3.0), Point3::new(1e6, 0.0, -1e-3_f32 as f64)],
             colors: vec![[0, 127, 255], [1, 2, 3]],
+            normals: Vec::new(),
         }
     }
 
@@ -287,6 +306,21 @@ mod tests {
         let read = read_ply(text.as_bytes()).unwrap();
         assert_eq!(read.points, [Point3::new(1.0, 2.0, 3.0), Point3::new(4.0, 5.0, 6.0)]);
         assert_eq!(read.colors, [[255; 3]; 2]);
+        assert!(read.normals.is_empty(), "nx alone is no normal");
+    }
+
+    #[test]
+    fn normals_are_read() {
+        let text = |z: &str| {
+            format!(
+                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float \
+                 y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float \
+                 nz\nend_header\n1 2 3 0 0.6 {z}\n"
+            )
+        };
+        let read = read_ply(text("-0.8").as_bytes()).unwrap();
+        assert_eq!(read.normals, [Vector3::new(0.0, 0.6, -0.8)]);
+        assert_eq!(read_ply(text("inf").as_bytes()), Err(PlyError::NotANumber { vertex: 0 }));
     }
 
     #[test]

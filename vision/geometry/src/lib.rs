@@ -11,6 +11,7 @@ mod distortion;
 pub mod epipolar;
 pub mod frames;
 pub mod homography;
+pub mod kd_tree;
 pub mod perturbation;
 pub mod rng;
 pub mod statistics;
@@ -18,6 +19,7 @@ pub mod triangulation;
 
 pub use alignment::{AlignError, similarity_from_points};
 pub use camera::{Camera, CameraError, CameraModel, MAX_CAMERA_PARAMS, Projection};
+pub use kd_tree::{KdTree, Neighbor};
 pub use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion,
     Vector2, Vector3,

@@ -9,6 +9,7 @@ pub mod point_cloud;
 pub mod priors;
 pub mod progress;
 pub mod sparse;
+pub mod triangle_mesh;
 
 pub use depth_map::{DepthMap, OctNormal};
 pub use features::{DESCRIPTOR_LEN, Descriptor, Features, Keypoint};
@@ -24,3 +25,4 @@ pub use progress::{Cancelled, NoProgress, Progress, Stage};
 pub use sparse::{
     Observation, Point3d, RegisteredImage, SparseModel, UnplacedImage, UnplacedReason,
 };
+pub use triangle_mesh::TriangleMesh;

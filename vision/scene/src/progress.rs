@@ -20,13 +20,15 @@ pub enum Stage {
     DepthMaps,
     /// Depth maps to one cloud; unit: images.
     Fusion,
+    /// Oriented points to a surface; unit: steps.
+    Meshing,
     /// Files of the map; unit: files.
     Export,
 }
 
 impl Stage {
     /// Every stage in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Features,
         Self::Pairs,
         Self::Matching,
@@ -34,6 +36,7 @@ impl Stage {
         Self::Align,
         Self::DepthMaps,
         Self::Fusion,
+        Self::Meshing,
         Self::Export,
     ];
 
@@ -47,6 +50,7 @@ impl Stage {
             Self::Align => "align",
             Self::DepthMaps => "depth_maps",
             Self::Fusion => "fusion",
+            Self::Meshing => "meshing",
             Self::Export => "export",
         }
     }
@@ -58,7 +62,7 @@ impl Stage {
                 "images"
             }
             Self::Matching => "pairs",
-            Self::Align => "steps",
+            Self::Align | Self::Meshing => "steps",
             Self::Export => "files",
         }
     }

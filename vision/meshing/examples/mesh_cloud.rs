@@ -1,0 +1,115 @@
+//! Meshes a PLY cloud with normals: `mesh_cloud CLOUD.ply OUT.(ply|glb) [options]`.
+//!
+//! * `--depth N`, `--screening A`, `--samples N`: see `PoissonOptions`.
+//! * `--trim RATIO`: cut off where the density is below RATIO of the median.
+//! * `--max-hole AREA`, `--min-part AREA`: keep small holes filled, drop small parts.
+//! * `--triangles N`: decimate to N triangles.
+//! * `--color`: colors of the vertices from the cloud.
+//!
+//! Prints seconds per step and the figures of the mesh.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use volery_formats::{read_ply, write_glb_of_mesh, write_ply_of_mesh};
+use volery_meshing::{
+    PoissonOptions, TrimOptions, color_vertices, decimate, reconstruct_surface, trim,
+};
+use volery_scene::{NoProgress, OrientedPoint, PointCloud, TriangleMesh};
+
+type Error = Box<dyn std::error::Error>;
+
+#[derive(Default)]
+struct Arguments {
+    files: Vec<PathBuf>,
+    poisson: PoissonOptions,
+    trim: Option<TrimOptions>,
+    num_triangles: Option<usize>,
+    color: bool,
+}
+
+fn arguments() -> Result<Arguments, Error> {
+    let mut found = Arguments::default();
+    let mut list = std::env::args().skip(1);
+    while let Some(argument) = list.next() {
+        let mut value = || list.next().ok_or_else(|| format!("{argument} needs a value"));
+        let mut trim = found.trim.unwrap_or_default();
+        match argument.as_str() {
+            "--depth" => found.poisson.depth = value()?.parse()?,
+            "--screening" => found.poisson.screening = value()?.parse()?,
+            "--samples" => found.poisson.samples_per_cell = value()?.parse()?,
+            "--triangles" => found.num_triangles = Some(value()?.parse()?),
+            "--color" => found.color = true,
+            "--trim" => {
+                trim.min_density_ratio = value()?.parse()?;
+                found.trim = Some(trim);
+            }
+            "--max-hole" => {
+                trim.max_hole_area = value()?.parse()?;
+                found.trim = Some(trim);
+            }
+            "--min-part" => {
+                trim.min_component_area = value()?.parse()?;
+                found.trim = Some(trim);
+            }
+            _ => found.files.push(argument.into()),
+        }
+    }
+    Ok(found)
+}
+
+fn read_cloud(path: &PathBuf) -> Result<PointCloud, Error> {
+    let file = read_ply(&std::fs::read(path)?)?;
+    if file.normals.len() != file.points.len() {
+        return Err("the points have no normals".into());
+    }
+    let parts = file.points.iter().zip(&file.normals).zip(&file.colors);
+    let points = parts.map(|((position, &normal), &color)| OrientedPoint {
+        position: position.cast(),
+        normal,
+        color,
+        confidence: u8::MAX,
+        inferred: false,
+    });
+    Ok(PointCloud { points: points.collect() })
+}
+
+fn tell(what: &str, start: Instant, mesh: &TriangleMesh) {
+    println!(
+        "{what}: {} vertices, {} triangles, {:.3} s",
+        mesh.vertices.len(),
+        mesh.triangles.len(),
+        start.elapsed().as_secs_f64()
+    );
+}
+
+fn main() -> Result<(), Error> {
+    let arguments = arguments()?;
+    let [input, output] = &arguments.files[..] else {
+        return Err("mesh_cloud CLOUD.ply OUT.(ply|glb) [options]".into());
+    };
+    let cloud = read_cloud(input)?;
+    let start = Instant::now();
+    let mut surface = reconstruct_surface(&cloud, &arguments.poisson, &NoProgress)?;
+    tell("surface", start, &surface.mesh);
+    if let Some(options) = &arguments.trim {
+        let start = Instant::now();
+        surface = trim(&surface, options);
+        tell("trimmed", start, &surface.mesh);
+    }
+    let mut mesh = surface.mesh;
+    if let Some(num_triangles) = arguments.num_triangles {
+        let start = Instant::now();
+        mesh = decimate(&mesh, num_triangles, &NoProgress)?;
+        tell("decimated", start, &mesh);
+    }
+    if arguments.color {
+        let start = Instant::now();
+        color_vertices(&mut mesh, &cloud);
+        tell("colored", start, &mesh);
+    }
+    let is_glb = output.extension().is_some_and(|extension| extension == "glb");
+    let bytes = if is_glb { write_glb_of_mesh(&mesh, true) } else { write_ply_of_mesh(&mesh) };
+    std::fs::write(output, bytes)?;
+    Ok(())
+}
