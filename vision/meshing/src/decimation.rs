@@ -12,7 +12,7 @@ const BORDER_WEIGHT: f64 = 10.0;
 const MIN_NORMAL_COSINE: f64 = 0.3;
 /// Curvature below which a quadric has no point of its own: relative to its trace.
 const MIN_RELATIVE_CURVATURE: f64 = 1e-3;
-/// Collapses between two looks at the clock of the listener.
+/// Candidates between two questions whether to stop.
 const CHECK_INTERVAL: usize = 1 << 14;
 
 /// Collapses the edges that cost least until `num_triangles` are left, or no edge can go without

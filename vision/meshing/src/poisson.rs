@@ -82,7 +82,7 @@ pub struct Surface {
 /// The surface of an oriented point cloud.
 ///
 /// It is closed, but where it leaves the cube around the points; what no sample supports can be
-/// cut off with [`crate::trim`].
+/// cut off with [`crate::trim::trim`].
 ///
 /// # Errors
 ///
