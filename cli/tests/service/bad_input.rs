@@ -246,7 +246,8 @@ fn table(expired: String, token: &str) -> Vec<(&'static str, Input, &'static str
         (photos(&small, &every_other(&circle, 0)), Some(api_camera(&small))),
         (photos(&other, &every_other(&circle, 1)), Some(api_camera(&other))),
     ];
-    let turning = vec![(photos(&small, &spin), Some(api_camera(&small)))];
+    let turned = photos(&small, &spin);
+    let turning = vec![(turned.clone(), Some(api_camera(&small)))];
     let job = |photos| Job(vec![(photos, None)]);
     let get = |path, token| Request(Method::GET, path, Value::Null, token);
     vec![
@@ -265,6 +266,7 @@ fn table(expired: String, token: &str) -> Vec<(&'static str, Input, &'static str
         ("duplicate photo", File("copy.png", noise_png(1001)), "duplicate"),
         ("two photos without overlap", job(photos(&small, &[spin[0], spin[15]])), "no_overlap"),
         ("30 photos of pure rotation", Job(turning), "no_parallax"),
+        ("30 photos of pure rotation through an unknown lens", job(turned), "no_parallax"),
         ("all-white photos", job((0..3).map(white).collect()), "too_few_features"),
         ("one photo, many times", job(vec![noise_png(1); 3]), "too_few_images"),
         ("mixed cameras", Job(mixed), "12 images of 2 cameras"),

@@ -6,10 +6,7 @@ use uuid::Uuid;
 use volery_api::{Job, JobState};
 use volery_client::Client;
 
-use crate::{
-    server::{Photos, Server, glance_until, mapped, submit, upload},
-    support::{Folder, hall_photos},
-};
+use crate::server::{Scanned, glance_until, mapped, submit};
 
 const STAGES: [&str; 6] = ["features", "pairs", "matching", "mapping", "align", "export"];
 
@@ -47,23 +44,18 @@ fn position(stage: &str) -> usize {
 
 #[test]
 fn a_job_cancelled_in_every_stage_leaves_nothing_and_can_be_tried_again() {
-    let folder = Folder::new("cancel");
-    let hall = hall_photos(&folder.0);
     let runtime = tokio::runtime::Runtime::new().unwrap();
-    let server = Server::start(&folder.join("data"));
-    let client = server.client();
     runtime.block_on(async {
-        let photos = Photos::in_folder(&folder.join("scan"), Some(*hall.camera()));
-        let set = upload(&client, &photos).await;
-        let mut job = submit(&client, set).await.id;
+        let Scanned { server, client, set, .. } = &Scanned::new("cancel").await;
+        let mut job = submit(client, *set).await.id;
         let mut hits = BTreeSet::new();
         for stage in STAGES {
             for _ in 0..MAX_TRIES {
-                let Some(hit) = cancel_in(&client, job, stage).await else {
-                    job = submit(&client, set).await.id;
+                let Some(hit) = cancel_in(client, job, stage).await else {
+                    job = submit(client, *set).await.id;
                     continue;
                 };
-                let ended = glance_until(&client, job, |_| false).await;
+                let ended = glance_until(client, job, |_| false).await;
                 assert_eq!(ended.state, JobState::Cancelled, "asked in {hit}: {ended:?}");
                 assert_eq!(ended.outputs, None, "cancelled in {hit}");
                 assert_eq!(workers_of(server.id()), [0; 0], "cancelled in {hit}");
@@ -81,7 +73,7 @@ fn a_job_cancelled_in_every_stage_leaves_nothing_and_can_be_tried_again() {
             assert!(hits.contains(*stage), "never cancelled in {stage}");
         }
         let maps_before = client.maps().await.unwrap();
-        let job = mapped(&client, job).await;
+        let job = mapped(client, job).await;
         assert_eq!(client.maps().await.unwrap().len(), maps_before.len() + 1);
         assert_eq!(job.outputs.unwrap().version, 1, "the cancelled runs made no version");
     });

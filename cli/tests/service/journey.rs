@@ -6,10 +6,7 @@ use uuid::Uuid;
 use volery_api::LocalizeStatus;
 use volery_client::{Client, LocalizeQuery};
 
-use crate::{
-    server::{Photos, Server, mapped, submit, upload},
-    support::{Folder, hall_photos},
-};
+use crate::server::{Scanned, mapped, submit};
 
 /// The decoder of untrusted bytes makes it, and it is a picture of the size asked for.
 async fn check_thumbnail(client: &Client, set: Uuid) {
@@ -26,16 +23,11 @@ async fn check_thumbnail(client: &Client, set: Uuid) {
 /// Upload, job with its events, localization.
 #[test]
 fn photos_become_a_map_and_a_photo_finds_its_pose() {
-    let folder = Folder::new("journey");
-    let hall = hall_photos(&folder.0);
     let runtime = tokio::runtime::Runtime::new().unwrap();
-    let server = Server::start(&folder.join("data"));
-    let client = server.client();
     runtime.block_on(async {
-        let photos = Photos::in_folder(&folder.join("scan"), Some(*hall.camera()));
-        let set = upload(&client, &photos).await;
-        check_thumbnail(&client, set).await;
-        let job = submit(&client, set).await;
+        let Scanned { client, hall, set, folder, .. } = &Scanned::new("journey").await;
+        check_thumbnail(client, *set).await;
+        let job = submit(client, *set).await;
         let mut last = 0;
         let watched = client
             .watch_job(job.id, |event| {
@@ -44,13 +36,12 @@ fn photos_become_a_map_and_a_photo_finds_its_pose() {
             })
             .await
             .unwrap();
-        let job = mapped(&client, job.id).await;
+        let job = mapped(client, job.id).await;
         assert_eq!(watched.state, job.state);
 
         let map = job.outputs.unwrap().map_id;
         let ask = |image| {
             let query = LocalizeQuery { image, ..LocalizeQuery::default() };
-            let client = &client;
             async move { client.localize(map, &query).await }
         };
         let mut num_ok = 0;

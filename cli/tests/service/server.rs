@@ -13,8 +13,9 @@ use uuid::Uuid;
 use volery_api::{CreateJob, Job, JobState};
 use volery_client::{Client, UploadFile};
 use volery_geometry::Camera;
+use volery_synthetic::DemoHall;
 
-use crate::support::utf8;
+use crate::support::{Folder, hall_photos, utf8};
 
 /// For a job to end.
 const MAX_WAIT: Duration = Duration::from_secs(300);
@@ -95,6 +96,29 @@ pub(crate) fn api_camera(camera: &Camera) -> volery_api::Camera {
         width: camera.width,
         height: camera.height,
         params: camera.params().to_vec(),
+    }
+}
+
+/// A service that has the photos of a hall.
+pub(crate) struct Scanned {
+    pub(crate) server: Server,
+    pub(crate) client: Client,
+    pub(crate) hall: DemoHall,
+    /// The uploaded photos.
+    pub(crate) set: Uuid,
+    /// Last, to go when nobody uses it any more.
+    pub(crate) folder: Folder,
+}
+
+impl Scanned {
+    pub(crate) async fn new(name: &str) -> Self {
+        let folder = Folder::new(name);
+        let hall = hall_photos(&folder.0);
+        let server = Server::start(&folder.join("data"));
+        let client = server.client();
+        let photos = Photos::in_folder(&folder.join("scan"), Some(*hall.camera()));
+        let set = upload(&client, &photos).await;
+        Self { server, client, hall, set, folder }
     }
 }
 
