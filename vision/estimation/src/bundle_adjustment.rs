@@ -18,11 +18,10 @@ mod tests;
 pub use residuals::squared_residuals;
 
 use nalgebra::{Isometry3, Point2, Point3, Unit, Vector3};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, SimdLevel};
 use volery_scene::{Cancelled, Progress};
 
 use minimize::Minimizer;
-use simd::Isa;
 
 /// Which intrinsics move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -195,7 +194,7 @@ fn adjust(
     progress: &dyn Progress,
 ) -> Result<BundleReport, BundleError> {
     problem.check()?;
-    let mut minimizer = Minimizer::new(problem, options, rotation_sigma, Isa::detect())
+    let mut minimizer = Minimizer::new(problem, options, rotation_sigma, SimdLevel::detect())
         .ok_or(BundleError::OutOfMemory)?;
     let result = minimizer.run(options, progress);
     let (state, layout) = minimizer.finish();

@@ -1,46 +1,10 @@
-//! Instruction sets chosen at run time.
+//! Kernels for the instruction sets of a processor.
 //!
 //! The float kernels of this crate are plain loops, compiled once per instruction set by
 //! [`multiversion`]. The compiler only widens them: it neither reorders sums nor fuses multiply and
 //! add, so every set gives the same bits.
 
-/// An instruction set the kernels are compiled for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum SimdLevel {
-    /// Whatever the target always has.
-    Portable,
-    /// x86-64 with AVX2.
-    Avx2,
-    /// x86-64 with AVX-512 F, BW, DQ, VL and VNNI.
-    Avx512,
-}
-
-impl SimdLevel {
-    /// The widest set of this processor.
-    pub(crate) fn detect() -> Self {
-        Self::available().last().copied().unwrap_or(Self::Portable)
-    }
-
-    /// All sets of this processor, narrowest first.
-    pub(crate) fn available() -> &'static [Self] {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = is_x86_feature_detected!("avx2");
-            let avx512 = is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512vnni");
-            if avx2 && avx512 {
-                return &[Self::Portable, Self::Avx2, Self::Avx512];
-            }
-            if avx2 {
-                return &[Self::Portable, Self::Avx2];
-            }
-        }
-        &[Self::Portable]
-    }
-}
+pub(crate) use volery_geometry::SimdLevel;
 
 /// Defines a function that takes a [`SimdLevel`] first and runs its body compiled for that level.
 macro_rules! multiversion {

@@ -14,6 +14,7 @@ pub mod homography;
 pub mod kd_tree;
 pub mod perturbation;
 pub mod rng;
+pub mod simd_level;
 pub mod statistics;
 pub mod triangulation;
 
@@ -26,4 +27,5 @@ pub use nalgebra::{
 };
 pub use perturbation::perturbed;
 pub use rng::Rng;
+pub use simd_level::SimdLevel;
 pub use statistics::median;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
+use volery_geometry::{Camera, SimdLevel};
 use volery_scene::{
     Cancelled, DepthMap, GrayImage, ImageId, PointCloud, Progress, SparseModel, Stage,
 };
@@ -14,7 +15,6 @@ use crate::fusion::fuse_depth_maps;
 use crate::infer::infer_flat_surfaces;
 use crate::patch_match::MAX_SOURCES;
 use crate::selection::{Neighborhood, neighborhood};
-use crate::simd::SimdLevel;
 use crate::working_image::{WorkingImage, working_camera};
 
 /// Least side of a depth map, pixels.
@@ -136,7 +136,7 @@ fn working_camera_of(
     model: &SparseModel,
     image: ImageId,
     options: &DenseOptions,
-) -> Option<volery_geometry::Camera> {
+) -> Option<Camera> {
     let camera = model.cameras.get(&model.images.get(&image)?.camera)?;
     Some(working_camera(camera, options.max_pixels.min(MAX_PIXELS)))
 }

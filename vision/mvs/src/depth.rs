@@ -1,7 +1,7 @@
 //! The depth map of one image, from coarse to fine.
 
 use nalgebra::Vector3;
-use volery_geometry::rng::mix;
+use volery_geometry::{SimdLevel, rng::mix};
 use volery_scene::DepthMap;
 
 use crate::checkerboard::{Cell, Field};
@@ -11,7 +11,6 @@ use crate::patch_match::{Judge, MAX_COST};
 use crate::planar_prior::{Support, planar_prior};
 use crate::plane::{Plane, Rays};
 use crate::selection::Neighborhood;
-use crate::simd::SimdLevel;
 use crate::source::{QuadImage, Source, Transfer};
 use crate::working_image::{Level, NUM_LEVELS, WorkingImage};
 

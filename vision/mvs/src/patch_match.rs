@@ -1,13 +1,13 @@
 //! Planes that spread, are perturbed and compete: PatchMatch on a checkerboard.
 
 use nalgebra::Vector3;
-use volery_geometry::rng::mix;
+use volery_geometry::{SimdLevel, rng::mix};
 
 use crate::checkerboard::{Block, Cell, Field, Neighbors};
 use crate::dice::Dice;
 use crate::patch::{LANES, Lanes, PatchBlock, PatchSource};
 use crate::plane::{Plane, Rays};
-use crate::simd::{SimdLevel, correlation};
+use crate::simd::correlation;
 use crate::source::Source;
 
 /// Cost of a plane that one other image speaks against as loudly as it can.

@@ -6,6 +6,8 @@ mod plain;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+use volery_geometry::SimdLevel;
+
 use crate::patch::{EDGE, LANES, Lanes, PatchBlock, STEP};
 use crate::source::Source;
 
@@ -14,39 +16,6 @@ use crate::source::Source;
 const NOISE_VARIANCE: f32 = 2.0;
 /// Correlation of what the other image does not show.
 pub(crate) const UNSEEN: f32 = -1.0;
-
-/// An instruction set that the kernel is compiled for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum SimdLevel {
-    /// Whatever the target always has.
-    Portable,
-    /// x86-64 with AVX2.
-    Avx2,
-    /// x86-64 with AVX-512 F.
-    Avx512,
-}
-
-impl SimdLevel {
-    /// The widest set of this processor.
-    pub(crate) fn detect() -> Self {
-        Self::available().last().copied().unwrap_or(Self::Portable)
-    }
-
-    /// All sets of this processor, narrowest first.
-    pub(crate) fn available() -> &'static [Self] {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = is_x86_feature_detected!("avx2");
-            if avx2 && is_x86_feature_detected!("avx512f") {
-                return &[Self::Portable, Self::Avx2, Self::Avx512];
-            }
-            if avx2 {
-                return &[Self::Portable, Self::Avx2];
-            }
-        }
-        &[Self::Portable]
-    }
-}
 
 /// Bilaterally weighted normalized cross-correlation of each patch with what `source` shows
 /// through the patch's plane, in [-1, 1]; [`UNSEEN`] where the center is not in the image.

@@ -4,13 +4,14 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 use rayon::prelude::*;
+use volery_geometry::SimdLevel;
 use volery_scene::Progress;
 
 use super::layout::{LANES, Layout, MAX_CHUNKS};
 use super::linearize::{Factor, Pass, PointTerms, Sums};
 use super::priors::{add_priors, priors_cost};
 use super::schur::{MIN_DIAGONAL, Pattern};
-use super::simd::{self, Isa};
+use super::simd;
 use super::solve::ReducedSystem;
 use super::state::State;
 use super::{BundleError, BundleOptions, BundleProblem, BundleReport};
@@ -33,7 +34,7 @@ pub(super) struct Minimizer<'a> {
     /// Of the priors towards the rotations of the problem, radians.
     rotation_sigma: Option<f64>,
     layout: Layout,
-    isa: Isa,
+    level: SimdLevel,
     loss_scale_inv2: f64,
     free_points: Vec<bool>,
     state: State,
@@ -54,7 +55,7 @@ impl<'a> Minimizer<'a> {
         problem: &'a BundleProblem,
         options: &BundleOptions,
         rotation_sigma: Option<f64>,
-        isa: Isa,
+        level: SimdLevel,
     ) -> Option<Self> {
         let layout = Layout::new(problem);
         let state = State::new(problem, &layout);
@@ -62,7 +63,7 @@ impl<'a> Minimizer<'a> {
         Some(Self {
             problem,
             rotation_sigma,
-            isa,
+            level,
             loss_scale_inv2: options.loss_scale_px.map_or(0.0, |c| 1.0 / (c * c)),
             free_points: layout.point_ids.iter().map(|&p| !problem.is_constant_point(p)).collect(),
             candidate: state.clone(),
@@ -148,7 +149,7 @@ impl<'a> Minimizer<'a> {
 
     fn cost(&self, state: &State) -> f64 {
         let of_chunk = |chunk: &Range<usize>| {
-            simd::chunk_cost(self.isa, &self.layout, state, self.loss_scale_inv2, chunk.clone())
+            simd::chunk_cost(self.level, &self.layout, state, self.loss_scale_inv2, chunk.clone())
         };
         let chunks = &self.layout.chunks;
         let mut costs = [0.0; MAX_CHUNKS];
@@ -180,7 +181,7 @@ impl<'a> Minimizer<'a> {
             loss_scale_inv2: self.loss_scale_inv2,
             damping,
         };
-        let isa = self.isa;
+        let level = self.level;
         let mut tasks: ArrayVec<_, MAX_CHUNKS> = ArrayVec::new();
         let (mut factors, mut terms) = (&mut self.factors[..], &mut self.point_terms[..]);
         for (chunk, sums) in self.layout.chunks.iter().zip(&mut self.chunk_sums) {
@@ -191,7 +192,7 @@ impl<'a> Minimizer<'a> {
         }
         type Task<'t> = (Range<usize>, &'t mut [Factor], &'t mut [PointTerms], &'t mut Sums);
         let run = |(chunk, factors, terms, sums): &mut Task<'_>| {
-            simd::linearize_chunk(isa, &pass, chunk.clone(), factors, terms, sums);
+            simd::linearize_chunk(level, &pass, chunk.clone(), factors, terms, sums);
         };
         run_tasks(tasks, run);
         self.sums.clear();
@@ -201,7 +202,7 @@ impl<'a> Minimizer<'a> {
         let priors = (self.problem, self.rotation_sigma);
         add_priors(priors, &self.layout, &self.state, &mut self.sums);
         self.pattern.reduce(
-            isa,
+            level,
             &self.layout,
             &self.sums,
             &self.factors,
@@ -244,7 +245,7 @@ impl<'a> Minimizer<'a> {
     }
 
     fn step_points(&self, damping: f64, moved: &mut [[f64; 3]]) -> f64 {
-        let (isa, pass) = (self.isa, self.pass(damping));
+        let (level, pass) = (self.level, self.pass(damping));
         let mut predicted = [0.0; MAX_CHUNKS];
         let mut tasks: ArrayVec<_, MAX_CHUNKS> = ArrayVec::new();
         let mut moved = moved;
@@ -258,7 +259,7 @@ impl<'a> Minimizer<'a> {
             let factors = &self.factors[self.layout.factors_of(chunk)];
             let (terms, chunk) = (&self.point_terms[chunk.clone()], chunk.clone());
             **predicted =
-                simd::step_points(isa, &pass, chunk, factors, terms, &self.block_steps, moved);
+                simd::step_points(level, &pass, chunk, factors, terms, &self.block_steps, moved);
         };
         run_tasks(tasks, run);
         predicted.iter().sum()

@@ -7,11 +7,12 @@
 use std::ops::Range;
 
 use arrayvec::ArrayVec;
+use volery_geometry::SimdLevel;
 
 use super::layout::{LANES, Layout, MAX_CHUNKS, POSE_DIM};
 use super::linearize::{Factor, Sums};
 use super::minimize::run_tasks;
-use super::simd::{self, Isa};
+use super::simd;
 
 /// A block diagonal entry that is zero (nothing is known of the unknown) is damped as if it were
 /// this.
@@ -126,7 +127,7 @@ impl Pattern {
     #[allow(clippy::too_many_arguments)]
     pub(super) fn reduce(
         &mut self,
-        isa: Isa,
+        level: SimdLevel,
         layout: &Layout,
         sums: &Sums,
         factors: &[Factor],
@@ -149,7 +150,7 @@ impl Pattern {
             for row in group.rows.clone() {
                 let columns = &columns[starts[row]..starts[row + 1]];
                 let dim = layout.block_dims[row];
-                fill_row(isa, layout, sums, factors, damping, row, columns, &mut group.scratch);
+                fill_row(level, layout, sums, factors, damping, row, columns, &mut group.scratch);
                 for r in 0..dim {
                     let start = column_starts[layout.block_offsets[row] + r] - first_value;
                     let mut packed = start;
@@ -186,7 +187,7 @@ fn couplings(layout: &Layout, row: usize) -> &[(u32, u32)] {
 /// One row of S: block of column c in rows `c * dim..(c + 1) * dim` of the scratch.
 #[allow(clippy::too_many_arguments)]
 fn fill_row(
-    isa: Isa,
+    level: SimdLevel,
     layout: &Layout,
     sums: &Sums,
     factors: &[Factor],
@@ -209,7 +210,7 @@ fn fill_row(
         scratch[column as usize * dim..][..dim]
             .copy_from_slice(&sums.couplings[start + index][..dim]);
     }
-    simd::subtract_products(isa, layout, factors, row, scratch);
+    simd::subtract_products(level, layout, factors, row, scratch);
 }
 
 /// Subtracts `Yᵢ Yⱼᵀ` for every point that block i = `row` and blocks j ≥ i share.

@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use volery_geometry::SimdLevel;
+
 use super::layout::{LANES, Layout};
 use super::linearize::{self, Factor, Pass, PointTerms, Sums};
 use super::state::State;
@@ -13,45 +15,11 @@ use super::{cost, schur};
 /// Fused multiply-add is part of every processor of the target.
 const BASELINE_FMA: bool = cfg!(any(target_feature = "fma", target_arch = "aarch64"));
 
-/// Instructions that were found at run time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Isa(Level);
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Level {
-    Portable,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-}
-
-impl Isa {
-    #[cfg(test)]
-    pub(super) const PORTABLE: Self = Self(Level::Portable);
-
-    /// The best that this processor has.
-    pub(super) fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            use std::arch::is_x86_feature_detected as has;
-            let has_avx2 = has!("avx2") && has!("fma");
-            if has_avx2 && has!("avx512f") && has!("avx512vl") && has!("avx512dq") {
-                return Self(Level::Avx512);
-            }
-            if has_avx2 {
-                return Self(Level::Avx2);
-            }
-        }
-        Self(Level::Portable)
-    }
-}
-
 /// Defines a function that calls `$body::<FMA>` under the features of the level.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $name:ident = $module:ident::$body:ident, ($($arg:ident: $ty:ty),* $(,)?) -> $ret:ty) => {
         $(#[$doc])*
-        pub(super) fn $name(isa: Isa, $($arg: $ty),*) -> $ret {
+        pub(super) fn $name(level: SimdLevel, $($arg: $ty),*) -> $ret {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($arg: $ty),*) -> $ret {
@@ -62,14 +30,14 @@ macro_rules! dispatched {
             fn avx512($($arg: $ty),*) -> $ret {
                 $module::$body::<true>($($arg),*)
             }
-            match isa.0 {
-                Level::Portable => $module::$body::<BASELINE_FMA>($($arg),*),
-                // SAFETY: the level exists only where `Isa::detect` found these features.
+            match level {
+                // SAFETY: `SimdLevel::available` lists a level only if the processor has it.
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx2 => unsafe { avx2($($arg),*) },
+                SimdLevel::Avx512 => unsafe { avx512($($arg),*) },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512 => unsafe { avx512($($arg),*) },
+                SimdLevel::Avx2 => unsafe { avx2($($arg),*) },
+                _ => $module::$body::<BASELINE_FMA>($($arg),*),
             }
         }
     };

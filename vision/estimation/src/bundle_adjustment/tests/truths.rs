@@ -1,11 +1,11 @@
 //! Recovery of the truth, robustness, determinism.
 
-use volery_geometry::{CameraModel, Rng};
+use volery_geometry::{CameraModel, Rng, SimdLevel};
 use volery_scene::NoProgress;
 
 use super::ring::{add_noise, perturb, pose_errors, ring, rms};
 use crate::bundle_adjustment::{
-    BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, Isa, Minimizer, adjust_bundle,
+    BundleOptions, BundleProblem, BundleReport, IntrinsicsRefinement, Minimizer, adjust_bundle,
 };
 
 const LEAST_SQUARES: BundleOptions =
@@ -173,12 +173,12 @@ fn result_does_not_depend_on_threads() {
 #[test]
 fn portable_passes_agree() {
     let options = BundleOptions { max_iterations: 4, ..BundleOptions::default() };
-    let run = |isa: Isa| {
+    let run = |level: SimdLevel| {
         let problem = long_strip();
-        let mut minimizer = Minimizer::new(&problem, &options, None, isa).unwrap();
+        let mut minimizer = Minimizer::new(&problem, &options, None, level).unwrap();
         minimizer.run(&options, &NoProgress).unwrap()
     };
-    let (fast, plain) = (run(Isa::detect()), run(Isa::PORTABLE));
+    let (fast, plain) = (run(SimdLevel::detect()), run(SimdLevel::Portable));
     assert!((fast.final_cost / plain.final_cost - 1.0).abs() < 1e-9, "{fast:?} {plain:?}");
 }
 
@@ -190,7 +190,7 @@ fn sparse_and_dense_systems_agree() {
     let report = adjust(&mut sparse, &options);
     let mut dense = long_strip();
     let problem = dense.clone();
-    let mut minimizer = Minimizer::new(&problem, &options, None, Isa::detect()).unwrap();
+    let mut minimizer = Minimizer::new(&problem, &options, None, SimdLevel::detect()).unwrap();
     assert!(minimizer.make_dense(), "covisibility of 9 in 60 is sparse");
     let dense_report = minimizer.run(&options, &NoProgress).unwrap();
     let (state, layout) = minimizer.finish();
