@@ -1,17 +1,20 @@
 //! Fewer triangles by quadric edge collapse.
 
-use std::cmp::Ordering;
-use std::collections::{BinaryHeap, HashMap};
-
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use volery_scene::{Cancelled, Progress, TriangleMesh};
+
+use crate::fans::{Fans, for_each_edge};
+
+mod quadric;
+mod queue;
+
+use quadric::Quadric;
+use queue::{Candidate, Queue};
 
 /// Planes through open edges count so much more than those of triangles, so that borders stay.
 const BORDER_WEIGHT: f64 = 10.0;
 /// A triangle may turn at most so far in one collapse: the cosine.
 const MIN_NORMAL_COSINE: f64 = 0.3;
-/// Curvature below which a quadric has no point of its own: relative to its trace.
-const MIN_RELATIVE_CURVATURE: f64 = 1e-3;
 /// Candidates between two questions whether to stop.
 const CHECK_INTERVAL: usize = 1 << 14;
 
@@ -32,93 +35,17 @@ pub fn decimate(
     progress: &dyn Progress,
 ) -> Result<TriangleMesh, Cancelled> {
     let mut work = Work::new(mesh);
-    let mut num_collapses = 0;
+    let mut num_candidates = 0;
     while work.num_triangles > num_triangles {
         let Some(candidate) = work.queue.pop() else { break };
-        if num_collapses % CHECK_INTERVAL == 0 {
+        if num_candidates % CHECK_INTERVAL == 0 {
             progress.check()?;
         }
-        num_collapses += 1;
-        work.try_collapse(&candidate);
+        num_candidates += 1;
+        work.try_collapse(candidate);
     }
     Ok(work.into_mesh())
 }
-
-/// The sum of squared distances to weighted planes, `xᵀ A x + 2 bᵀ x + c`, about a local origin.
-#[derive(Debug, Clone, Copy)]
-struct Quadric {
-    a: Matrix3<f64>,
-    b: Vector3<f64>,
-    c: f64,
-}
-
-impl Quadric {
-    const ZERO: Self = Self {
-        a: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        b: Vector3::new(0.0, 0.0, 0.0),
-        c: 0.0,
-    };
-
-    /// Of the plane through `point` with a unit `normal`.
-    fn of_plane(point: Vector3<f64>, normal: Vector3<f64>, weight: f64) -> Self {
-        let offset = -normal.dot(&point);
-        Self {
-            a: normal * normal.transpose() * weight,
-            b: normal * (offset * weight),
-            c: offset * offset * weight,
-        }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.a += other.a;
-        self.b += other.b;
-        self.c += other.c;
-    }
-
-    fn at(&self, x: Vector3<f64>) -> f64 {
-        (x.dot(&(self.a * x)) + 2.0 * self.b.dot(&x) + self.c).max(0.0)
-    }
-
-    /// The point nearest to all planes; `None` where they leave it free.
-    fn minimum(&self) -> Option<Vector3<f64>> {
-        let eigen = self.a.symmetric_eigen();
-        let least = eigen.eigenvalues.min();
-        if least <= MIN_RELATIVE_CURVATURE * self.a.trace() {
-            return None;
-        }
-        self.a.cholesky().map(|factor| -factor.solve(&self.b))
-    }
-}
-
-/// An edge that may go, as it was when its cost was found.
-#[derive(Debug, Clone, Copy)]
-struct Candidate {
-    cost: f64,
-    edge: [u32; 2],
-    versions: [u32; 2],
-    target: Vector3<f64>,
-}
-
-impl Ord for Candidate {
-    /// The cheapest is the greatest; ties by number, so that the order is always the same.
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then(other.edge.cmp(&self.edge))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Candidate {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Candidate {}
 
 struct Work<'a> {
     mesh: &'a TriangleMesh,
@@ -129,10 +56,11 @@ struct Work<'a> {
     versions: Vec<u32>,
     /// Gone triangles have `[u32::MAX; 3]`.
     triangles: Vec<[u32; 3]>,
-    /// Per vertex, its triangles.
-    around: Vec<Vec<u32>>,
+    fans: Fans,
     num_triangles: usize,
-    queue: BinaryHeap<Candidate>,
+    queue: Queue,
+    marks: Marks,
+    neighbors: Vec<u32>,
 }
 
 const GONE: [u32; 3] = [u32::MAX; 3];
@@ -141,27 +69,24 @@ impl<'a> Work<'a> {
     fn new(mesh: &'a TriangleMesh) -> Self {
         let origin = mesh.vertices.first().copied().unwrap_or_default();
         let positions: Vec<_> = mesh.vertices.iter().map(|v| v - origin).collect();
-        let mut around = vec![Vec::new(); positions.len()];
-        for (index, triangle) in mesh.triangles.iter().enumerate() {
-            triangle.iter().for_each(|&v| around[v as usize].push(index as u32));
-        }
         let mut work = Self {
             mesh,
             origin,
             quadrics: vec![Quadric::ZERO; positions.len()],
             versions: vec![0; positions.len()],
+            marks: Marks { marks: vec![0; positions.len()], last: 0 },
+            fans: Fans::new(positions.len(), &mesh.triangles),
             positions,
             triangles: mesh.triangles.clone(),
-            around,
             num_triangles: mesh.triangles.len(),
-            queue: BinaryHeap::new(),
+            queue: Queue::new(),
+            neighbors: Vec::new(),
         };
         work.sum_quadrics();
         work
     }
 
     fn sum_quadrics(&mut self) {
-        let mut uses: HashMap<[u32; 2], u32> = HashMap::with_capacity(2 * self.triangles.len());
         for &triangle in &self.mesh.triangles {
             let normal = self.area_vector(triangle);
             let area = 0.5 * normal.norm();
@@ -170,18 +95,20 @@ impl<'a> Work<'a> {
                 let quadric = Quadric::of_plane(point, unit, area / 3.0);
                 triangle.iter().for_each(|&v| self.quadrics[v as usize].add(&quadric));
             }
-            for edge in edges(triangle) {
-                *uses.entry(edge).or_default() += 1;
-            }
         }
-        let mut all: Vec<[u32; 2]> = uses.keys().copied().collect();
-        all.sort_unstable();
-        for &triangle in &self.mesh.triangles {
-            for edge in edges(triangle).into_iter().filter(|edge| uses[edge] == 1) {
-                self.hold_border(edge, triangle);
+        let (mut all, mut open) = (Vec::with_capacity(2 * self.positions.len()), Vec::new());
+        let mut last = None;
+        for_each_edge(&self.mesh.triangles, &self.fans, |edge, triangle, other| {
+            if other.is_none() {
+                open.push((edge, self.mesh.triangles[triangle as usize]));
             }
-        }
-        self.queue = all.into_iter().map(|edge| self.candidate(edge)).collect();
+            if last != Some(edge) {
+                all.push(edge);
+            }
+            last = Some(edge);
+        });
+        open.iter().for_each(|&(edge, triangle)| self.hold_border(edge, triangle));
+        all.into_iter().for_each(|edge| self.offer(edge));
     }
 
     /// A plane through an open edge, upright on its triangle.
@@ -201,90 +128,128 @@ impl<'a> Work<'a> {
         (b - a).cross(&(c - a))
     }
 
-    fn candidate(&self, edge: [u32; 2]) -> Candidate {
-        let [a, b] = edge.map(|v| v as usize);
-        let mut quadric = self.quadrics[a];
-        quadric.add(&self.quadrics[b]);
-        let (pa, pb) = (self.positions[a], self.positions[b]);
+    /// Where the ends of an edge would go, and at what cost.
+    fn target(&self, [a, b]: [u32; 2]) -> (Vector3<f64>, f64) {
+        let mut quadric = self.quadrics[a as usize];
+        quadric.add(&self.quadrics[b as usize]);
+        let (pa, pb) = (self.positions[a as usize], self.positions[b as usize]);
         let middle = 0.5 * (pa + pb);
-        let length = (pb - pa).norm();
+        let length_squared = (pb - pa).norm_squared();
+        let mut best = quadric.minimum_near(middle);
         // A minimum far from the edge is one of nearly parallel planes.
-        let own = quadric.minimum().filter(|m| (m - middle).norm() <= 2.0 * length);
-        let target = own.unwrap_or_else(|| {
-            let best = |x: Vector3<f64>, y: Vector3<f64>| {
-                if quadric.at(y) < quadric.at(x) { y } else { x }
-            };
-            best(best(middle, pa), pb)
-        });
-        // Of edges that cost nothing the short ones go first.
-        let cost = quadric.at(target) + 1e-12 * length * length;
-        Candidate { cost, edge, versions: [self.versions[a], self.versions[b]], target }
-    }
-
-    fn try_collapse(&mut self, candidate: &Candidate) {
-        let [a, b] = candidate.edge;
-        let versions = [self.versions[a as usize], self.versions[b as usize]];
-        if versions != candidate.versions || !self.keeps_shape(a, b) {
-            return;
-        }
-        if self.folds(a, b, candidate.target) || self.folds(b, a, candidate.target) {
-            return;
-        }
-        self.positions[a as usize] = candidate.target;
-        let quadric = self.quadrics[b as usize];
-        self.quadrics[a as usize].add(&quadric);
-        for index in std::mem::take(&mut self.around[b as usize]) {
-            let triangle = self.triangles[index as usize];
-            if triangle.contains(&a) {
-                self.triangles[index as usize] = GONE;
-                self.num_triangles -= 1;
-                for v in triangle {
-                    self.around[v as usize].retain(|&t| t != index);
+        if (best - middle).norm_squared() > 4.0 * length_squared {
+            best = middle;
+            for end in [pa, pb] {
+                if quadric.at(end) < quadric.at(best) {
+                    best = end;
                 }
-            } else {
-                self.triangles[index as usize] = triangle.map(|v| if v == b { a } else { v });
-                self.around[a as usize].push(index);
             }
         }
-        self.versions[a as usize] += 1;
-        self.versions[b as usize] = u32::MAX;
-        for neighbor in self.neighbors(a) {
-            let candidate = self.candidate([a.min(neighbor), a.max(neighbor)]);
-            self.queue.push(candidate);
+        // Of edges that cost nothing the short ones go first.
+        (best, quadric.at(best) + 1e-12 * length_squared)
+    }
+
+    fn offer(&mut self, edge: [u32; 2]) {
+        let (_, cost) = self.target(edge);
+        self.queue.push(cost as f32, Candidate { edge, version: self.version(edge) });
+    }
+
+    fn version(&self, edge: [u32; 2]) -> u32 {
+        let [a, b] = edge.map(|v| self.versions[v as usize]);
+        a.wrapping_add(b)
+    }
+
+    fn try_collapse(&mut self, candidate: Candidate) {
+        let edge @ [a, b] = candidate.edge;
+        if self.version(edge) != candidate.version || !self.keeps_shape(a, b) {
+            return;
+        }
+        let (target, _) = self.target(edge);
+        if self.folds(a, b, target) || self.folds(b, a, target) {
+            return;
+        }
+        self.positions[a as usize] = target;
+        let quadric = self.quadrics[b as usize];
+        self.quadrics[a as usize].add(&quadric);
+        self.join(a, b);
+        let newest = self.versions[a as usize].max(self.versions[b as usize]) + 1;
+        self.versions[a as usize] = newest;
+        let mark = self.marks.fresh(1);
+        self.find_neighbors(a, mark);
+        for i in 0..self.neighbors.len() {
+            let neighbor = self.neighbors[i];
+            self.offer([a.min(neighbor), a.max(neighbor)]);
         }
     }
 
-    /// Other corners of a vertex' triangles, sorted.
-    fn neighbors(&self, vertex: u32) -> Vec<u32> {
-        let triangles = self.around[vertex as usize].iter();
-        let mut found: Vec<u32> =
-            triangles.flat_map(|&t| self.triangles[t as usize]).filter(|&v| v != vertex).collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+    /// Makes `b` to `a`; the triangles of both are gone.
+    fn join(&mut self, a: u32, b: u32) {
+        let mut shared = [u32::MAX; 2];
+        let mut num_shared = 0;
+        for &t in self.fans.of(b) {
+            let triangle = &mut self.triangles[t as usize];
+            if triangle.contains(&a) {
+                shared[num_shared] = t;
+                num_shared += 1;
+            } else {
+                triangle.iter_mut().filter(|v| **v == b).for_each(|v| *v = a);
+            }
+        }
+        for &t in &shared[..num_shared] {
+            for v in std::mem::replace(&mut self.triangles[t as usize], GONE) {
+                self.fans.remove(v, t);
+            }
+        }
+        self.num_triangles -= num_shared;
+        self.fans.take(a, b);
+    }
+
+    /// Other corners of a vertex' triangles, marked.
+    fn find_neighbors(&mut self, vertex: u32, mark: u32) {
+        self.neighbors.clear();
+        for &t in self.fans.of(vertex) {
+            for v in self.triangles[t as usize] {
+                if v != vertex && self.marks.set(v, mark) {
+                    self.neighbors.push(v);
+                }
+            }
+        }
     }
 
     /// The link condition: the ends share no neighbors but those across their common triangles,
     /// an inner edge does not join two borders, and a tetrahedron stays one.
-    fn keeps_shape(&self, a: u32, b: u32) -> bool {
-        let shared = self.around[a as usize]
-            .iter()
-            .filter(|&&t| self.triangles[t as usize].contains(&b))
-            .count();
-        let (of_a, of_b) = (self.neighbors(a), self.neighbors(b));
-        let common = of_a.iter().filter(|v| of_b.binary_search(v).is_ok()).count();
-        let on_border =
-            |v: u32, neighbors: &[u32]| neighbors.len() != self.around[v as usize].len();
-        let joins_borders = shared == 2 && on_border(a, &of_a) && on_border(b, &of_b);
+    fn keeps_shape(&mut self, a: u32, b: u32) -> bool {
+        let near_a = self.marks.fresh(3);
+        let [near_b, near_both] = [near_a + 1, near_a + 2];
+        self.find_neighbors(a, near_a);
+        let (mut num_a, mut num_b, mut num_common, mut shared) = (self.neighbors.len(), 0, 0, 0);
+        for &t in self.fans.of(b) {
+            let triangle = self.triangles[t as usize];
+            shared += usize::from(triangle.contains(&a));
+            for v in triangle.into_iter().filter(|&v| v != b) {
+                if self.marks.get(v) == near_a {
+                    num_common += 1;
+                    num_b += 1;
+                    self.marks.set(v, near_both);
+                } else if self.marks.get(v) != near_both {
+                    num_b += usize::from(self.marks.set(v, near_b));
+                }
+            }
+        }
+        let on_border = |v: u32, num_neighbors| num_neighbors != self.fans.of(v).len();
+        let joins_borders = shared == 2 && on_border(a, num_a) && on_border(b, num_b);
+        // Neither end counts as a neighbor of the other.
+        num_a = num_a.saturating_sub(1);
+        num_b = num_b.saturating_sub(1);
         (1..=2).contains(&shared)
-            && common == shared
+            && num_common == shared
             && !joins_borders
-            && of_a.len() + of_b.len() - common - 2 >= 3
+            && num_a + num_b - num_common >= 3
     }
 
     /// Whether a triangle of `vertex` without `other` would turn too far.
     fn folds(&self, vertex: u32, other: u32, target: Vector3<f64>) -> bool {
-        self.around[vertex as usize].iter().any(|&t| {
+        self.fans.of(vertex).iter().any(|&t| {
             let triangle = self.triangles[t as usize];
             if triangle.contains(&other) {
                 return false;
@@ -293,8 +258,8 @@ impl<'a> Work<'a> {
             let [x, y, z] = triangle.map(at);
             let (before, after) = (self.area_vector(triangle), (y - x).cross(&(z - x)));
             // A triangle without area may turn as it likes, but none may lose its area.
-            after.norm() <= 1e-3 * before.norm()
-                || before.dot(&after) < MIN_NORMAL_COSINE * before.norm() * after.norm()
+            let (was, is) = (before.norm_squared(), after.norm_squared());
+            is <= 1e-6 * was || before.dot(&after) < MIN_NORMAL_COSINE * (was * is).sqrt()
         })
     }
 
@@ -316,8 +281,31 @@ impl<'a> Work<'a> {
     }
 }
 
-fn edges([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
-    [[a.min(b), a.max(b)], [b.min(c), b.max(c)], [c.min(a), c.max(a)]]
+/// A set of vertices that is emptied by counting on.
+struct Marks {
+    marks: Vec<u32>,
+    last: u32,
+}
+
+impl Marks {
+    /// The first of `count` marks that no vertex has.
+    fn fresh(&mut self, count: u32) -> u32 {
+        if self.last > u32::MAX - count {
+            self.marks.fill(0);
+            self.last = 0;
+        }
+        self.last += count;
+        self.last - (count - 1)
+    }
+
+    fn get(&self, vertex: u32) -> u32 {
+        self.marks[vertex as usize]
+    }
+
+    /// Whether it had another mark.
+    fn set(&mut self, vertex: u32, mark: u32) -> bool {
+        std::mem::replace(&mut self.marks[vertex as usize], mark) != mark
+    }
 }
 
 #[cfg(test)]

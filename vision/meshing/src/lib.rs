@@ -3,6 +3,7 @@
 pub mod colors;
 pub mod decimation;
 mod error;
+mod fans;
 pub mod normals;
 pub mod poisson;
 pub mod trim;

@@ -3,11 +3,10 @@
 //! A Poisson surface is closed: it spans a skin over space that nobody has seen. The density of the
 //! samples says where.
 
-use std::collections::HashMap;
-
 use volery_scene::TriangleMesh;
 
 use crate::Surface;
+use crate::fans::{Fans, for_each_edge};
 
 /// Options of [`trim`]. Areas are in square units of the cloud's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,17 +32,18 @@ pub fn trim(surface: &Surface, options: &TrimOptions) -> Surface {
     sorted.sort_unstable_by(f32::total_cmp);
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let least = options.min_density_ratio as f32 * median;
+    let fans = Fans::new(mesh.vertices.len(), &mesh.triangles);
     let mut keep: Vec<bool> = mesh
         .triangles
         .iter()
         .map(|triangle| triangle.iter().all(|&v| surface.densities[v as usize] >= least))
         .collect();
-    for (part, area) in parts(mesh, &keep) {
+    for (part, area) in parts(mesh, &fans, &keep) {
         if !keep[part[0]] && area <= options.max_hole_area {
             part.iter().for_each(|&triangle| keep[triangle] = true);
         }
     }
-    for (part, area) in parts(mesh, &keep) {
+    for (part, area) in parts(mesh, &fans, &keep) {
         if keep[part[0]] && area < options.min_component_area {
             part.iter().for_each(|&triangle| keep[triangle] = false);
         }
@@ -52,26 +52,25 @@ pub fn trim(surface: &Surface, options: &TrimOptions) -> Surface {
 }
 
 /// Triangles of one label that hang together by edges, with their area.
-fn parts(mesh: &TriangleMesh, labels: &[bool]) -> Vec<(Vec<usize>, f64)> {
-    let mut first_at: HashMap<[u32; 2], u32> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
+fn parts(mesh: &TriangleMesh, fans: &Fans, labels: &[bool]) -> Vec<(Vec<usize>, f64)> {
     let mut sets = DisjointSets::new(mesh.triangles.len());
-    for (index, &[a, b, c]) in mesh.triangles.iter().enumerate() {
-        for [from, to] in [[a, b], [b, c], [c, a]] {
-            let other = *first_at.entry([from.min(to), from.max(to)]).or_insert(index as u32);
-            if labels[other as usize] == labels[index] {
-                sets.join(other as usize, index);
-            }
+    for_each_edge(&mesh.triangles, fans, |_, a, b| {
+        if let Some(b) = b
+            && labels[a as usize] == labels[b as usize]
+        {
+            sets.join(a as usize, b as usize);
         }
-    }
-    let mut place = HashMap::new();
+    });
+    let mut place = vec![usize::MAX; mesh.triangles.len()];
     let mut parts: Vec<(Vec<usize>, f64)> = Vec::new();
     for index in 0..mesh.triangles.len() {
-        let part = *place.entry(sets.root(index)).or_insert(parts.len());
-        if part == parts.len() {
+        let part = &mut place[sets.root(index)];
+        if *part == usize::MAX {
+            *part = parts.len();
             parts.push((Vec::new(), 0.0));
         }
-        parts[part].0.push(index);
-        parts[part].1 += area(mesh, index);
+        parts[*part].0.push(index);
+        parts[*part].1 += area(mesh, index);
     }
     parts
 }
