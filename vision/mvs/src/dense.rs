@@ -5,7 +5,7 @@ use std::collections::btree_map::Entry;
 
 use volery_geometry::{Camera, SimdLevel};
 use volery_scene::{
-    Cancelled, DepthMap, GrayImage, ImageId, PointCloud, Progress, SparseModel, Stage,
+    Cancelled, DepthMap, ImageId, Photos, PointCloud, Progress, SparseModel, Stage,
 };
 
 use crate::clusters::clusters;
@@ -62,21 +62,6 @@ pub enum DenseError {
     /// The work was asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-}
-
-/// A photo of a registered image.
-#[derive(Debug, Clone)]
-pub struct Photo {
-    /// Gray, of the size of the image's camera.
-    pub gray: GrayImage,
-    /// sRGB, row by row, as many as pixels; gray where absent.
-    pub colors: Option<Vec<[u8; 3]>>,
-}
-
-/// Where photos come from; each may be asked for once per cluster.
-pub trait Photos {
-    /// The photo of an image, `None` if there is none.
-    fn photo(&self, image: ImageId) -> Option<Photo>;
 }
 
 /// Depth maps and cloud of all images of `model` that others can judge.

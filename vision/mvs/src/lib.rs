@@ -24,6 +24,7 @@ mod simd;
 mod source;
 mod working_image;
 
-pub use dense::{DenseError, DenseOptions, Photo, Photos, reconstruct_dense};
+pub use dense::{DenseError, DenseOptions, reconstruct_dense};
 pub use filter::filter_depth_maps;
 pub use fusion::fuse_depth_maps;
+pub use volery_scene::{Photo, Photos};

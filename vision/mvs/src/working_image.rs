@@ -2,9 +2,7 @@
 
 use nalgebra::{Isometry3, Point2};
 use volery_geometry::{Camera, CameraModel};
-use volery_scene::{GrayImage, ImageId};
-
-use crate::dense::Photo;
+use volery_scene::{GrayImage, ImageId, Photo};
 
 /// Sizes of an image, the largest included.
 pub(crate) const NUM_LEVELS: usize = 3;

@@ -5,6 +5,7 @@ pub mod features;
 pub mod image;
 pub mod map;
 pub mod matches;
+pub mod photo;
 pub mod point_cloud;
 pub mod priors;
 pub mod progress;
@@ -19,6 +20,7 @@ pub use map::{
     Verdict,
 };
 pub use matches::{FeatureMatch, TwoViewGeometry, TwoViewKind};
+pub use photo::{Photo, Photos};
 pub use point_cloud::{OrientedPoint, PointCloud};
 pub use priors::{AttitudePrior, HeightPrior, ImagePrior, KnownDistance, PositionPrior};
 pub use progress::{Cancelled, NoProgress, Progress, Stage};
