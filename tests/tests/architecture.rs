@@ -70,6 +70,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     ("volery-mvs", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     ("volery-meshing", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
+    ("volery-rendering", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     (
         "volery-localization",
         &[

@@ -17,6 +17,7 @@ pub mod points;
 pub mod render;
 pub mod room;
 pub mod sensor;
+mod surfaces;
 pub mod telemetry;
 pub mod texture;
 mod tiles;
