@@ -46,6 +46,26 @@ pub fn similarity_from_points(
     source: &[Point3<f64>],
     target: &[Point3<f64>],
 ) -> Result<Similarity3<f64>, AlignError> {
+    solve(source, target, false)
+}
+
+/// As [`similarity_from_points`] with `c = 1`.
+///
+/// # Errors
+///
+/// As there.
+pub fn isometry_from_points(
+    source: &[Point3<f64>],
+    target: &[Point3<f64>],
+) -> Result<Isometry3<f64>, AlignError> {
+    solve(source, target, true).map(|target_from_source| target_from_source.isometry)
+}
+
+fn solve(
+    source: &[Point3<f64>],
+    target: &[Point3<f64>],
+    is_rigid: bool,
+) -> Result<Similarity3<f64>, AlignError> {
     let n = source.len().min(target.len());
     if n < 3 {
         return Err(AlignError::TooFewPoints { got: n });
@@ -74,7 +94,7 @@ pub fn similarity_from_points(
     // S flips the weakest axis when U Vᵀ is a reflection (43).
     let s = Vector3::new(1.0, 1.0, (u.determinant() * v_t.determinant()).signum());
     let r = u * Matrix3::from_diagonal(&s) * v_t; // (40)
-    let c = d.dot(&s) / var_x; // (42)
+    let c = if is_rigid { 1.0 } else { d.dot(&s) / var_x }; // (42)
     let t = mu_y - c * (r * mu_x); // (41)
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
     Ok(Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(t), rotation), c))
@@ -100,6 +120,20 @@ mod tests {
         let target: Vec<_> = tetrahedron().iter().map(|p| truth * p).collect();
         let found = similarity_from_points(&tetrahedron(), &target).unwrap();
         assert!((found.to_homogeneous() - truth.to_homogeneous()).norm() < 1e-12);
+    }
+
+    /// Of a scaled copy, too, and about the mean points.
+    #[test]
+    fn a_rigid_fit_leaves_the_scale_alone() {
+        let truth =
+            Similarity3::new(Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.4, 1.1, -0.3), 2.5);
+        let target: Vec<_> = tetrahedron().iter().map(|p| truth * p).collect();
+        let found = isometry_from_points(&tetrahedron(), &target).unwrap();
+        assert!(found.rotation.angle_to(&truth.isometry.rotation) < 1e-12);
+        let mean = |points: &[Point3<f64>]| {
+            Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / 4.0)
+        };
+        assert!((found * mean(&tetrahedron()) - mean(&target)).norm() < 1e-12);
     }
 
     /// Dies if S (43) is dropped: the best fit of a mirror image is still a rotation.

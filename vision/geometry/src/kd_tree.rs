@@ -53,6 +53,78 @@ impl KdTree {
         }
     }
 
+    /// The nearest point no farther than `max_distance`; of equally near ones the first in number.
+    pub fn nearest_within(&self, query: &Point3<f64>, max_distance: f64) -> Option<Neighbor> {
+        let distance_squared = max_distance * max_distance;
+        let mut best = Neighbor { index: u32::MAX, distance_squared };
+        self.search_nearest(query, &mut best, 0, 0..self.points.len());
+        (best.index != u32::MAX).then_some(best)
+    }
+
+    fn search_nearest(
+        &self,
+        query: &Point3<f64>,
+        best: &mut Neighbor,
+        node: usize,
+        range: std::ops::Range<usize>,
+    ) {
+        let Some(split) = self.splits.get(node) else {
+            for (point, &index) in self.points[range.clone()].iter().zip(&self.indices[range]) {
+                let distance_squared = (point - query).norm_squared();
+                if distance_squared < best.distance_squared
+                    || (distance_squared == best.distance_squared && index < best.index)
+                {
+                    *best = Neighbor { index, distance_squared };
+                }
+            }
+            return;
+        };
+        let middle = range.start + range.len() / 2;
+        let offset = query[split.axis as usize] - split.value;
+        let mut sides = [(2 * node + 1, range.start..middle), (2 * node + 2, middle..range.end)];
+        if offset >= 0.0 {
+            sides.swap(0, 1);
+        }
+        let [(near, near_range), (far, far_range)] = sides;
+        self.search_nearest(query, best, near, near_range);
+        if offset * offset <= best.distance_squared {
+            self.search_nearest(query, best, far, far_range);
+        }
+    }
+
+    /// The points no farther than `max_distance` into `found`, in the order of the tree.
+    pub fn within(&self, query: &Point3<f64>, max_distance: f64, found: &mut Vec<Neighbor>) {
+        found.clear();
+        self.search_within(query, max_distance, found, 0, 0..self.points.len());
+    }
+
+    fn search_within(
+        &self,
+        query: &Point3<f64>,
+        max_distance: f64,
+        found: &mut Vec<Neighbor>,
+        node: usize,
+        range: std::ops::Range<usize>,
+    ) {
+        let Some(split) = self.splits.get(node) else {
+            for (point, &index) in self.points[range.clone()].iter().zip(&self.indices[range]) {
+                let distance_squared = (point - query).norm_squared();
+                if distance_squared <= max_distance * max_distance {
+                    found.push(Neighbor { index, distance_squared });
+                }
+            }
+            return;
+        };
+        let middle = range.start + range.len() / 2;
+        let offset = query[split.axis as usize] - split.value;
+        if offset <= max_distance {
+            self.search_within(query, max_distance, found, 2 * node + 1, range.start..middle);
+        }
+        if offset >= -max_distance {
+            self.search_within(query, max_distance, found, 2 * node + 2, middle..range.end);
+        }
+    }
+
     fn search(
         &self,
         query: &Point3<f64>,
@@ -147,8 +219,22 @@ mod tests {
                     a.distance_squared.total_cmp(&b.distance_squared).then(a.index.cmp(&b.index))
                 });
                 plain.truncate(k);
+                let all_plain = plain.clone();
                 tree.nearest(&query, k, &mut found);
                 assert_eq!(found, plain, "{k} of {n}");
+                for radius in [0.05, 0.8, 9.0] {
+                    plain.retain(|n| n.distance_squared <= radius * radius);
+                    let nearest = tree.nearest_within(&query, radius);
+                    if k > 0 {
+                        assert_eq!(nearest, plain.first().copied(), "{radius} of {n}");
+                    }
+                    tree.within(&query, radius, &mut found);
+                    let all =
+                        points.iter().filter(|p| (*p - query).norm_squared() <= radius * radius);
+                    assert_eq!(found.len(), all.count());
+                    assert!(plain.iter().all(|p| found.contains(p)));
+                    plain.clone_from(&all_plain);
+                }
             }
         }
     }

@@ -18,7 +18,7 @@ pub mod simd_level;
 pub mod statistics;
 pub mod triangulation;
 
-pub use alignment::{AlignError, similarity_from_points};
+pub use alignment::{AlignError, isometry_from_points, similarity_from_points};
 pub use camera::{Camera, CameraError, CameraModel, MAX_CAMERA_PARAMS, Projection};
 pub use kd_tree::{KdTree, Neighbor};
 pub use nalgebra::{

@@ -21,6 +21,7 @@ mod surfaces;
 pub mod telemetry;
 pub mod texture;
 mod tiles;
+pub mod zones;
 
 pub use demo::{DemoHall, Shot};
 pub use flight::{CenterMotion, along_wall, cam_from_heading, circle, random_walk, ring, yaw_scan};
@@ -31,3 +32,4 @@ pub use room::{Cuboid, Room, SurfacePoint};
 pub use sensor::{Photo, Sensor};
 pub use telemetry::{TelemetryNoise, telemetry, telemetry_csv};
 pub use volery_geometry::{Rng, rng};
+pub use zones::{ScanOptions, Zone};
