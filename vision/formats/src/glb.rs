@@ -6,8 +6,10 @@ use volery_geometry::Camera;
 use volery_scene::{EnvironmentMap, RegisteredImage};
 
 mod mesh;
+mod textured;
 
 pub use mesh::write_glb_of_mesh;
+pub use textured::write_glb_of_textured_mesh;
 
 /// glTF from map axes (x forward, y left, z up to y up, z forward, x left), as `[x, y, z, w]`;
 /// the rotation of `volery_geometry::frames::gltf_from_map`.
@@ -23,6 +25,9 @@ mod gltf {
     pub(super) const UNSIGNED_INT: u32 = 5125;
     pub(super) const ARRAY_BUFFER: u32 = 34962;
     pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+    pub(super) const LINEAR: u32 = 9729;
+    pub(super) const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+    pub(super) const CLAMP_TO_EDGE: u32 = 33071;
     pub(super) const POINTS: u32 = 0;
     pub(super) const LINES: u32 = 1;
     pub(super) const JSON_CHUNK: u32 = 0x4e4f_534a;
@@ -136,6 +141,32 @@ impl Buffer {
             "type": "VEC4",
         }));
         self.accessors.len() - 1
+    }
+
+    /// Places in a texture.
+    fn uvs(&mut self, uvs: &[[f32; 2]]) -> usize {
+        let start = self.bytes.len();
+        self.bytes.extend(uvs.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        self.view(start, gltf::ARRAY_BUFFER, None);
+        self.accessors.push(json!({
+            "bufferView": self.views.len() - 1,
+            "componentType": gltf::FLOAT,
+            "count": uvs.len(),
+            "type": "VEC2",
+        }));
+        self.accessors.len() - 1
+    }
+
+    /// Index of the view of an encoded picture; what follows starts at a multiple of four bytes.
+    fn image(&mut self, encoded: &[u8]) -> usize {
+        self.views.push(json!({
+            "buffer": 0,
+            "byteOffset": self.bytes.len(),
+            "byteLength": encoded.len(),
+        }));
+        self.bytes.extend(encoded);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.len() - 1
     }
 
     /// Corners of triangles.

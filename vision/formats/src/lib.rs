@@ -9,6 +9,7 @@ pub mod decode;
 pub mod exif;
 pub mod features_file;
 pub mod glb;
+pub mod jpeg;
 pub mod ply;
 pub mod poses_csv;
 pub mod positions_csv;
@@ -29,7 +30,8 @@ pub use features_file::{
     FeaturesFileError, read_features, read_two_view_geometries, write_features,
     write_two_view_geometries,
 };
-pub use glb::{write_glb, write_glb_of_mesh};
+pub use glb::{write_glb, write_glb_of_mesh, write_glb_of_textured_mesh};
+pub use jpeg::{WriteJpegError, write_jpeg};
 pub use ply::{PlyCloud, PlyError, read_ply, write_ply, write_ply_of_mesh, write_ply_of_model};
 pub use poses_csv::{NamedPose, read_poses_csv, write_poses_csv};
 pub use positions_csv::{NamedPosition, read_positions_csv};

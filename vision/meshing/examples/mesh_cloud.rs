@@ -5,17 +5,29 @@
 //! * `--max-hole AREA`, `--min-part AREA`: keep small holes filled, drop small parts.
 //! * `--triangles N`: decimate to N triangles.
 //! * `--color`: colors of the vertices from the cloud.
+//! * `--photos FOLDER`, `--model FOLDER`: a texture from photos with poses, those of COLMAP's
+//!   `cameras.txt`, `images.txt` and `points3D.txt`; `OUT` must be a GLB.
+//! * `--side N`: longest side of the texture.
 //!
 //! Prints seconds per step and the figures of the mesh.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use volery_formats::{read_ply, write_glb_of_mesh, write_ply_of_mesh};
-use volery_meshing::{
-    PoissonOptions, TrimOptions, color_vertices, decimate, reconstruct_surface, trim,
+use volery_formats::colmap::read_colmap_text;
+use volery_formats::{
+    ColmapFiles, DecodeLimits, decode_image, read_ply, write_glb_of_mesh,
+    write_glb_of_textured_mesh, write_ply_of_mesh,
 };
-use volery_scene::{NoProgress, OrientedPoint, PointCloud, TriangleMesh};
+use volery_meshing::{
+    PoissonOptions, TextureOptions, TrimOptions, color_vertices, decimate, reconstruct_surface,
+    texture_mesh, trim,
+};
+use volery_scene::{
+    ImageId, NoProgress, OrientedPoint, Photo, Photos, PointCloud, SparseModel, TriangleMesh,
+};
+
+const JPEG_QUALITY: u8 = 85;
 
 type Error = Box<dyn std::error::Error>;
 
@@ -26,6 +38,34 @@ struct Arguments {
     trim: Option<TrimOptions>,
     num_triangles: Option<usize>,
     color: bool,
+    photos: Option<PathBuf>,
+    model: Option<PathBuf>,
+    texture: TextureOptions,
+}
+
+struct Folder<'a> {
+    path: &'a Path,
+    model: &'a SparseModel,
+}
+
+impl Photos for Folder<'_> {
+    fn photo(&self, image: ImageId) -> Option<Photo> {
+        let bytes = std::fs::read(self.path.join(&self.model.images.get(&image)?.name)).ok()?;
+        let decoded = decode_image(&bytes, &DecodeLimits::default()).ok()?;
+        let rgb = decoded.color.as_ref().map(|color| color.to_rgb());
+        let colors = rgb.map(|rgb| rgb.as_chunks::<3>().0.to_vec());
+        Some(Photo { gray: decoded.gray, colors })
+    }
+}
+
+fn read_model(folder: &Path) -> Result<SparseModel, Error> {
+    let read = |name: &str| std::fs::read(folder.join(name));
+    let files = ColmapFiles {
+        cameras: read("cameras.txt")?,
+        images: read("images.txt")?,
+        points: read("points3D.txt")?,
+    };
+    Ok(read_colmap_text(&files)?)
 }
 
 fn arguments() -> Result<Arguments, Error> {
@@ -40,6 +80,9 @@ fn arguments() -> Result<Arguments, Error> {
             "--samples" => found.poisson.samples_per_cell = value()?.parse()?,
             "--triangles" => found.num_triangles = Some(value()?.parse()?),
             "--color" => found.color = true,
+            "--photos" => found.photos = Some(value()?.into()),
+            "--model" => found.model = Some(value()?.into()),
+            "--side" => found.texture.max_side = value()?.parse()?,
             "--trim" => {
                 trim.min_density_ratio = value()?.parse()?;
                 found.trim = Some(trim);
@@ -107,6 +150,20 @@ fn main() -> Result<(), Error> {
         let start = Instant::now();
         color_vertices(&mut mesh, &cloud);
         tell("colored", start, &mesh);
+    }
+    if let (Some(photos), Some(model)) = (&arguments.photos, &arguments.model) {
+        let model = read_model(model)?;
+        let folder = Folder { path: photos, model: &model };
+        let start = Instant::now();
+        let textured = texture_mesh(&mesh, &model, &folder, &arguments.texture, &NoProgress)?;
+        tell("textured", start, &textured.mesh);
+        let texture = &textured.texture;
+        println!(
+            "texture of {} x {}, {} triangles seen",
+            texture.width, texture.height, textured.num_textured
+        );
+        std::fs::write(output, write_glb_of_textured_mesh(&textured, true, JPEG_QUALITY)?)?;
+        return Ok(());
     }
     let is_glb = output.extension().is_some_and(|extension| extension == "glb");
     let bytes = if is_glb { write_glb_of_mesh(&mesh, true) } else { write_ply_of_mesh(&mesh) };

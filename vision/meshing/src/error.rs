@@ -1,6 +1,6 @@
 //! Failures.
 
-use volery_scene::Cancelled;
+use volery_scene::{Cancelled, ImageId};
 
 /// Why there is no surface.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -52,5 +52,35 @@ pub enum MeshingError {
         name: &'static str,
         /// What came.
         got: f64,
+    },
+    /// A mesh without triangles.
+    #[error("the mesh has no triangles")]
+    NoTriangles,
+    /// A corner that the mesh does not have.
+    #[error("triangle {triangle} has a corner that is no vertex")]
+    NoSuchVertex {
+        /// Which triangle.
+        triangle: usize,
+    },
+    /// No image shows a triangle of the mesh.
+    #[error("no image sees the mesh")]
+    NothingSeen,
+    /// A photo is not there.
+    #[error("image {} has no photo", image.0)]
+    NoPhoto {
+        /// Which image.
+        image: ImageId,
+    },
+    /// A photo is not of the camera's size.
+    #[error("photo of image {} is not of its camera's size", image.0)]
+    WrongSize {
+        /// Which image.
+        image: ImageId,
+    },
+    /// Not even a texel for each.
+    #[error("{num_charts} parts do not fit into the texture")]
+    TextureTooSmall {
+        /// Parts of the surface.
+        num_charts: usize,
     },
 }

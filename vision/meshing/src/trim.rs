@@ -6,6 +6,7 @@
 use volery_scene::TriangleMesh;
 
 use crate::Surface;
+use crate::disjoint_sets::DisjointSets;
 use crate::fans::{Fans, for_each_edge};
 
 /// Options of [`trim`]. Areas are in square units of the cloud's frame.
@@ -96,30 +97,6 @@ fn kept_part(surface: &Surface, keep: &[bool]) -> Surface {
     }
     result.mesh.triangles = kept().map(|t| t.map(|v| place[v as usize])).collect();
     result
-}
-
-/// Union-find with path halving; the smaller number is the root.
-struct DisjointSets {
-    parents: Vec<u32>,
-}
-
-impl DisjointSets {
-    fn new(len: usize) -> Self {
-        Self { parents: (0..len as u32).collect() }
-    }
-
-    fn root(&mut self, mut at: usize) -> usize {
-        while self.parents[at] as usize != at {
-            self.parents[at] = self.parents[self.parents[at] as usize];
-            at = self.parents[at] as usize;
-        }
-        at
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parents[a.max(b)] = a.min(b) as u32;
-    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ pub mod point_cloud;
 pub mod priors;
 pub mod progress;
 pub mod sparse;
+pub mod textured_mesh;
 pub mod triangle_mesh;
 
 pub use depth_map::{DepthMap, OctNormal};
@@ -27,4 +28,5 @@ pub use progress::{Cancelled, NoProgress, Progress, Stage};
 pub use sparse::{
     Observation, Point3d, RegisteredImage, SparseModel, UnplacedImage, UnplacedReason,
 };
+pub use textured_mesh::{Texture, TexturedMesh};
 pub use triangle_mesh::TriangleMesh;

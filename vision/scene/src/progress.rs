@@ -22,13 +22,15 @@ pub enum Stage {
     Fusion,
     /// Oriented points to a surface; unit: steps.
     Meshing,
+    /// Photos to the texture of a surface; unit: images, each counted twice (seen, and painted).
+    Texturing,
     /// Files of the map; unit: files.
     Export,
 }
 
 impl Stage {
     /// Every stage in order.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Features,
         Self::Pairs,
         Self::Matching,
@@ -37,6 +39,7 @@ impl Stage {
         Self::DepthMaps,
         Self::Fusion,
         Self::Meshing,
+        Self::Texturing,
         Self::Export,
     ];
 
@@ -51,6 +54,7 @@ impl Stage {
             Self::DepthMaps => "depth_maps",
             Self::Fusion => "fusion",
             Self::Meshing => "meshing",
+            Self::Texturing => "texturing",
             Self::Export => "export",
         }
     }
@@ -58,9 +62,12 @@ impl Stage {
     /// What `done` and `total` count.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Features | Self::Pairs | Self::Mapping | Self::DepthMaps | Self::Fusion => {
-                "images"
-            }
+            Self::Features
+            | Self::Pairs
+            | Self::Mapping
+            | Self::DepthMaps
+            | Self::Fusion
+            | Self::Texturing => "images",
             Self::Matching => "pairs",
             Self::Align | Self::Meshing => "steps",
             Self::Export => "files",

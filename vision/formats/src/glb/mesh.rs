@@ -50,7 +50,7 @@ pub fn write_glb_of_mesh(mesh: &TriangleMesh, is_metric: bool) -> Vec<u8> {
 }
 
 /// IEC 61966-2-1.
-fn linear_from_srgb(value: u8) -> u8 {
+pub(super) fn linear_from_srgb(value: u8) -> u8 {
     let v = f64::from(value) / 255.0;
     let linear = if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
     (linear * 255.0).round() as u8
