@@ -89,6 +89,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-scene",
             "volery-features",
             "volery-estimation",
+            "volery-rendering",
             "nalgebra",
             "faer",
             "thiserror",

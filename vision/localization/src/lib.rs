@@ -2,6 +2,7 @@
 
 pub mod index;
 pub mod localize;
+pub mod template;
 
 mod acceptance;
 mod bytes;
@@ -17,4 +18,8 @@ pub use index::{IndexError, LocalizationIndex};
 pub use localize::{
     LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate, Status,
     StepTimings, localize, localize_features,
+};
+pub use template::{
+    RenderScore, SearchSide, TemplateAnswer, TemplateOptions, TemplateProof, localize_by_template,
+    render_score,
 };

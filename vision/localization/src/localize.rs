@@ -75,6 +75,18 @@ pub enum NotFoundReason {
     PoorSpread,
     /// The pose's covariance is too large.
     Uncertain,
+    /// No position and yaw to start from.
+    NoPrior,
+    /// The photo is too small to be compared, or not of the camera's size.
+    TooSmall,
+    /// The photo is too blurred to be compared.
+    Blurred,
+    /// From the given place too little of the map is in view.
+    NothingInView,
+    /// No view of the map looks like the photo.
+    NotAlike,
+    /// What looks like the photo lies too far from the given place.
+    FarFromPrior,
 }
 
 impl NotFoundReason {
@@ -86,6 +98,12 @@ impl NotFoundReason {
             Self::TooFewInliers => "too_few_inliers",
             Self::PoorSpread => "poor_spread",
             Self::Uncertain => "uncertain",
+            Self::NoPrior => "no_prior",
+            Self::TooSmall => "too_small",
+            Self::Blurred => "blurred",
+            Self::NothingInView => "nothing_in_view",
+            Self::NotAlike => "not_alike",
+            Self::FarFromPrior => "far_from_prior",
         }
     }
 }
