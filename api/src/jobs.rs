@@ -50,7 +50,7 @@ pub struct CreateJob {
     #[schema(minimum = 64, maximum = 16384)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_image_size: Option<u32>,
-    /// Groups of stages to run; all when empty.
+    /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageGroup>,
     /// Higher first.

@@ -65,7 +65,7 @@ pub struct JobSpec {
     /// Photos are made smaller until no side is longer, pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_image_size: Option<u32>,
-    /// Stages to run; empty: all of them.
+    /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     #[serde(default)]
     pub stages: Vec<StageGroup>,
 }

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, Summary, map_folder, reconstruct};
+use volery_pipeline::{
+    CameraSpec, ImageInput, JobSpec, StageGroup, Summary, map_folder, reconstruct,
+};
 use volery_scene::NoProgress;
 use volery_tests::shared::read_poses;
 use volery_tests::{Alignment, Evaluation, SharedSet, evaluate, repository_root};
@@ -210,7 +212,7 @@ pub(crate) fn reconstruct_child(name: &str, out: &Path) -> Result<(), String> {
     let images =
         set.images.iter().map(|name| ImageInput::new(name, set.images_dir.join(name))).collect();
     let camera = set.camera.as_ref().map(CameraSpec::from);
-    let spec = JobSpec { camera, ..JobSpec::new(images) };
+    let spec = JobSpec { camera, stages: vec![StageGroup::Sfm], ..JobSpec::new(images) };
     let work = out.join("work");
     let summary = reconstruct(&spec, &work, out, &NoProgress).map_err(|e| e.to_string())?;
     println!("{}", line(&summary));

@@ -47,7 +47,7 @@ pub(crate) enum Command {
         #[command(subcommand)]
         command: Option<MapsCommand>,
     },
-    /// Download a file of a map: colmap.zip, sparse.ply, map.glb, transforms.json, ...
+    /// Download a file of a map: colmap.zip, dense.ply, mesh.ply, map.glb, transforms.json, ...
     Export {
         #[command(flatten)]
         server: ServerArgs,
@@ -144,6 +144,10 @@ pub(crate) enum JobsCommand {
         /// Effort.
         #[arg(long, value_enum, default_value = "balanced")]
         preset: PresetArg,
+        /// How far to go: to the last one named, with all before it; where the preset ends by
+        /// default.
+        #[arg(long, value_delimiter = ',', value_enum)]
+        stages: Vec<StageArg>,
         /// Seed of all random choices.
         #[arg(long, default_value_t = 0)]
         seed: u64,
@@ -253,7 +257,7 @@ pub(crate) struct ReconstructArgs {
     /// Measured distance between the cameras of two photos; may be repeated.
     #[arg(long, value_name = "A,B,METERS", value_parser = known_distance)]
     pub(crate) known_distance: Vec<KnownDistance>,
-    /// Parts of the pipeline to run.
+    /// How far to go: to the last one named, with all before it; where the preset ends by default.
     #[arg(long, value_delimiter = ',', value_enum)]
     pub(crate) stages: Vec<StageArg>,
     /// Effort.
@@ -324,12 +328,16 @@ impl From<PresetArg> for Preset {
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub(crate) enum StageArg {
     Sfm,
+    Dense,
+    Mesh,
 }
 
 impl From<StageArg> for StageGroup {
     fn from(stage: StageArg) -> Self {
         match stage {
             StageArg::Sfm => Self::Sfm,
+            StageArg::Dense => Self::Dense,
+            StageArg::Mesh => Self::Mesh,
         }
     }
 }

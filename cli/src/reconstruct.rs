@@ -116,6 +116,19 @@ fn print_text(summary: &Summary, args: &ReconstructArgs) {
             println!("  {hint}");
         }
     }
+    if let Some(dense) = summary.dense.as_ref().filter(|dense| dense.error.is_none()) {
+        let (maps, points) = (dense.num_depth_maps, dense.num_points);
+        println!("{maps} depth maps, {points} dense points, {} inferred", dense.num_inferred);
+    }
+    if let Some(mesh) = summary.mesh.as_ref().filter(|mesh| mesh.error.is_none()) {
+        println!("mesh of {} triangles", mesh.num_triangles);
+    }
+    if let Some(error) = summary.surface_error() {
+        println!("no surface: {}: {}", error.code, error.detail);
+        if let Some(hint) = &error.hint {
+            println!("  {hint}");
+        }
+    }
     for stage in &summary.stages {
         println!(
             "{:10} {:8.2} s wall {:8.2} s CPU, {} units, {} cached",

@@ -141,6 +141,7 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
                 map,
                 name,
                 preset,
+                stages,
                 seed,
                 known_distance,
                 wait,
@@ -155,6 +156,7 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
                     map_id: *map,
                     map_name: name.clone(),
                     preset: wire_preset(*preset),
+                    stages: stages.iter().map(|stage| (*stage).into()).collect(),
                     seed: *seed,
                     known_distances: known.collect(),
                     ..CreateJob::default()

@@ -27,6 +27,8 @@ fn a_hall_is_mapped_and_photos_find_their_place() {
             utf8(&telemetry),
             "--seed",
             "5",
+            "--stages",
+            "sfm",
             "--json",
         ])
     };

@@ -58,6 +58,17 @@ impl Cache {
         (blake3::hash(content) == *hash).then(|| content.to_vec())
     }
 
+    /// Whether the unit is there, damaged or not.
+    pub(crate) fn has(&self, key: &Key) -> bool {
+        self.path(key).exists()
+    }
+
+    /// Makes room.
+    pub(crate) fn forget(&self, key: &Key) {
+        // It may not be there; what stays only takes room.
+        let _ = fs::remove_file(self.path(key));
+    }
+
     /// Keeps a unit; whole or not at all.
     pub(crate) fn put(&self, key: &Key, content: &[u8]) -> Result<(), PipelineError> {
         let path = self.path(key);

@@ -31,6 +31,16 @@ pub mod code {
     pub const TOO_FEW_FEATURES: &str = "too_few_features";
     /// An argument makes no sense.
     pub const BAD_INPUT: &str = "bad_input";
+    /// No image has another one that could tell its depth.
+    pub const TOO_FEW_VIEWS: &str = "too_few_views";
+    /// The depth maps do not confirm each other anywhere.
+    pub const NO_DENSE_POINTS: &str = "no_dense_points";
+    /// The dense cloud is too small for a surface.
+    pub const TOO_FEW_POINTS: &str = "too_few_points";
+    /// Nothing is left of the surface where points support it.
+    pub const EMPTY_MESH: &str = "empty_mesh";
+    /// The surface could not be made for another reason.
+    pub const MESH_FAILED: &str = "mesh_failed";
     /// Asked to stop.
     pub const CANCELLED: &str = "cancelled";
     /// A file could not be read or written.

@@ -18,22 +18,26 @@ use crate::{
     spec::JobSpec,
 };
 
-/// Writes every file but the reports; `map.json` last, since its presence says that the others
-/// are whole.
+/// Writes every file of the sparse map but the reports; `map.json` last, since its presence says
+/// that the others are whole.
 pub(crate) fn write_map(
     spec: &JobSpec,
     ingested: &Ingested,
     map: &EnvironmentMap,
     out_dir: &Path,
     progress: &dyn Progress,
-) -> Result<(), PipelineError> {
-    let marker = out_dir.join(file::MAP);
-    if marker.exists() {
-        fs::remove_file(&marker).map_err(|e| PipelineError::io(&marker, &e))?;
+) -> Result<MapInfo, PipelineError> {
+    // What an earlier run left is of another map; the marker goes first.
+    for name in [file::MAP, file::DENSE, file::MESH] {
+        let path = out_dir.join(name);
+        if path.exists() {
+            fs::remove_file(&path).map_err(|e| PipelineError::io(&path, &e))?;
+        }
     }
     let info = map_info(spec, ingested, map);
     let index = localization_index(ingested, &map.model).to_bytes();
-    write_files(map, &info, &index, out_dir, progress)
+    write_files(map, &info, &index, out_dir, progress)?;
+    Ok(info)
 }
 
 /// Writes the files of a map from its parts.
@@ -68,9 +72,16 @@ pub(crate) fn write_files(
     write(&out_dir.join(file::GLB), &write_glb(map, &info.content_id()))?;
     write(&out_dir.join(file::TRANSFORMS), write_transforms_json(model, "images").as_bytes())?;
     write(&out_dir.join(file::LOCALIZATION), index)?;
-    let json = serde_json::to_vec_pretty(info)
-        .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
-    write(&out_dir.join(file::MAP), &json)
+    write(&out_dir.join(file::MAP), &info_json(info)?)
+}
+
+/// Writes `map.json` anew.
+pub(crate) fn write_info(info: &MapInfo, out_dir: &Path) -> Result<(), PipelineError> {
+    write_atomic(&out_dir.join(file::MAP), &info_json(info)?)
+}
+
+fn info_json(info: &MapInfo) -> Result<Vec<u8>, PipelineError> {
+    serde_json::to_vec_pretty(info).map_err(|e| PipelineError::plain(code::IO, e.to_string()))
 }
 
 /// Poses in the order of the inputs; a photo that repeats another one has its pose.
@@ -115,6 +126,8 @@ fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInf
         cameras: map.model.cameras.values().map(Into::into).collect(),
         num_images: map.model.images.len(),
         num_points: map.model.points.len(),
+        num_dense_points: None,
+        num_triangles: None,
         bounds: bounds(&map.model),
         north: NorthInMap::estimate(&map.model, &priors),
         map_from_index: None,

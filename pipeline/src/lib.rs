@@ -7,11 +7,13 @@ use volery_scene::Progress;
 mod cache;
 mod cameras;
 mod clock;
+mod dense;
 mod export;
 mod heading;
 mod ingest;
 mod mapping;
 mod matching;
+mod mesh;
 mod model_file;
 mod moved;
 mod options;
@@ -20,6 +22,7 @@ mod photo;
 mod report;
 mod report_html;
 mod run;
+mod surface;
 
 pub mod error;
 pub mod map_folder;
@@ -39,7 +42,9 @@ pub use summary::Summary;
 /// * `work_dir` keeps finished units under the hash of what they were made from; a second run
 ///   with the same folder goes on where the first one stopped.
 /// * `out_dir` gets the files of [`map_folder::file`], each written whole or not at all; `map.json`
-///   is the last of the map, the reports follow. A failed run leaves only reports.
+///   is the last of the sparse map, the reports follow. A failed run leaves only reports.
+/// * The dense cloud and the mesh come after the sparse map is whole. If they cannot be made, the
+///   summary says why and the map is as good as it was; `map.json` is written anew with each.
 /// * Equal photos, options and seed give equal bytes (all files but `report.*`).
 pub fn reconstruct(
     spec: &JobSpec,

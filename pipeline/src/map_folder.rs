@@ -31,7 +31,11 @@ pub mod file {
     pub const COLMAP: &str = "colmap";
     /// Points.
     pub const SPARSE: &str = "sparse.ply";
-    /// Points and cameras as glTF.
+    /// Oriented points of the surfaces, with confidence.
+    pub const DENSE: &str = "dense.ply";
+    /// The surface.
+    pub const MESH: &str = "mesh.ply";
+    /// The surface as glTF; points and cameras while there is none.
     pub const GLB: &str = "map.glb";
     /// For nerfstudio.
     pub const TRANSFORMS: &str = "transforms.json";
@@ -73,6 +77,12 @@ pub struct MapInfo {
     pub num_images: usize,
     /// Points.
     pub num_points: usize,
+    /// Points of the dense cloud, if it was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub num_dense_points: Option<usize>,
+    /// Triangles of the mesh, if it was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub num_triangles: Option<usize>,
     /// Corners of the box around the points, without the outermost percent.
     pub bounds: Option<[[f64; 3]; 2]>,
     /// How the compass of the flight lies in the map, if it had one.

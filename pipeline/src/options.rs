@@ -2,6 +2,7 @@
 
 use volery_estimation::TwoViewOptions;
 use volery_features::{MatchOptions, SiftOptions};
+use volery_mvs::DenseOptions;
 use volery_sfm::{MapperOptions, PairOptions};
 
 use crate::spec::{JobSpec, Preset};
@@ -21,7 +22,28 @@ pub(crate) struct StageOptions {
     pub(crate) two_view: TwoViewOptions,
     /// Mapping.
     pub(crate) mapper: MapperOptions,
+    /// Depth maps and their fusion.
+    pub(crate) dense: DenseOptions,
+    /// Surface.
+    pub(crate) mesh: MeshOptions,
 }
+
+/// Options of the mesh.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct MeshOptions {
+    /// Greatest depth of the octree.
+    pub(crate) max_octree_depth: u32,
+    /// Triangles at most.
+    pub(crate) max_triangles: usize,
+}
+
+/// Pixels of depth maps that are in memory at once, beside those of relatives: at 10 bytes each,
+/// and as many again for what is made of them.
+const CLUSTER_PIXELS: u32 = 16_000_000;
+
+/// Side of the cells of which each has one point, in widths of a middle pixel on its surface: the
+/// depth of a pixel is judged by a window of several, so that no detail is lost.
+const CELL_PX: f32 = 2.0;
 
 impl StageOptions {
     /// The options of a job.
@@ -31,6 +53,18 @@ impl StageOptions {
             Preset::Balanced => (1600, 8192, -1, 20),
             Preset::Best => (3200, 12_000, -1, 40),
         };
+        let (max_pixels, max_sources, max_octree_depth, max_triangles) = match spec.preset {
+            Preset::Fast => (80_000, 6, 8, 100_000),
+            Preset::Balanced => (320_000, 8, 10, 400_000),
+            Preset::Best => (1_280_000, 12, 11, 1_500_000),
+        };
+        let dense = DenseOptions {
+            max_pixels,
+            max_sources,
+            cluster_size: (CLUSTER_PIXELS / max_pixels) as usize,
+            cell_px: CELL_PX,
+            seed: spec.seed,
+        };
         Self {
             max_image_size: spec.max_image_size.unwrap_or(max_image_size),
             sift: SiftOptions { max_features, first_octave, ..SiftOptions::default() },
@@ -38,6 +72,8 @@ impl StageOptions {
             matching: MatchOptions::default(),
             two_view: TwoViewOptions::default(),
             mapper: MapperOptions { seed: spec.seed, ..MapperOptions::default() },
+            dense,
+            mesh: MeshOptions { max_octree_depth, max_triangles },
         }
     }
 }

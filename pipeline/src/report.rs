@@ -59,6 +59,8 @@ pub(crate) fn summarize(
         quality,
         cameras: camera_reports(trace, map),
         images,
+        dense: trace.surface.dense.clone(),
+        mesh: trace.surface.mesh.clone(),
         stages: trace.stages.clone(),
         warnings,
         advice,

@@ -12,12 +12,14 @@ use crate::{
     error::{PipelineError, code},
     export::write_map,
     ingest::{Fate, Ingested, ingest},
+    map_folder::MapInfo,
     mapping::map_pairs,
     matching::{Matched, PairContext, choose_pairs, match_pairs},
     options::StageOptions,
     report,
     spec::JobSpec,
     summary::{StageReport, Summary, Warning},
+    surface::{SurfaceTrace, add_surface},
 };
 
 /// Fewest features of a photo that any pose can come from.
@@ -38,6 +40,8 @@ pub(crate) struct Trace {
     pub(crate) warnings: Vec<Warning>,
     /// Whose model was kept.
     pub(crate) mapper: String,
+    /// What came after the sparse map.
+    pub(crate) surface: SurfaceTrace,
 }
 
 /// See [`crate::reconstruct`].
@@ -50,11 +54,22 @@ pub(crate) fn reconstruct(
     let clock = Stopwatch::start();
     fs::create_dir_all(out_dir).map_err(|e| PipelineError::io(out_dir, &e))?;
     let mut trace = Trace::default();
-    match build(spec, work_dir, out_dir, progress, &mut trace) {
-        Ok(map) => {
-            let summary = report::summarize(spec, &trace, Some(&map), None, &clock);
-            report::write(&summary, Some(&map), out_dir)?;
-            Ok(summary)
+    let options = StageOptions::of(spec);
+    match build(spec, &options, work_dir, out_dir, progress, &mut trace) {
+        Ok((map, info)) => {
+            let summarize = |trace: &Trace| {
+                let summary = report::summarize(spec, trace, Some(&map), None, &clock);
+                report::write(&summary, Some(&map), out_dir)?;
+                Ok(summary)
+            };
+            let Some(ingested) = &trace.ingested else { return summarize(&trace) };
+            // What follows may end the process; the sparse map and its report are there then.
+            summarize(&trace)?;
+            let folders = [work_dir, out_dir];
+            let surface = add_surface(spec, ingested, &map, &info, &options, folders, progress)?;
+            trace.stages.extend(surface.stages.iter().cloned());
+            trace.surface = surface;
+            summarize(&trace)
         }
         Err(error) => {
             if !error.is_cancelled() && trace.ingested.is_some() {
@@ -68,17 +83,17 @@ pub(crate) fn reconstruct(
 
 fn build(
     spec: &JobSpec,
+    options: &StageOptions,
     work_dir: &Path,
     out_dir: &Path,
     progress: &dyn Progress,
     trace: &mut Trace,
-) -> Result<EnvironmentMap, PipelineError> {
+) -> Result<(EnvironmentMap, MapInfo), PipelineError> {
     check_spec(spec)?;
-    let options = StageOptions::of(spec);
 
     let watch = Stopwatch::start();
     let cache = Cache::open(work_dir, "features")?;
-    let ingested = trace.ingested.insert(ingest(spec, &options, &cache, progress)?);
+    let ingested = trace.ingested.insert(ingest(spec, options, &cache, progress)?);
     trace.stages.push(watch.stage("features", ingested.usable.len(), ingested.num_cached));
     let photos = &ingested.usable;
     check_photos(spec, ingested)?;
@@ -87,7 +102,7 @@ fn build(
 
     let watch = Stopwatch::start();
     progress.report(Stage::Pairs, 0, photos.len());
-    let pairs = choose_pairs(photos, &priors, &options);
+    let pairs = choose_pairs(photos, &priors, options);
     progress.report(Stage::Pairs, photos.len(), photos.len());
     trace.stages.push(watch.stage("pairs", photos.len(), 0));
 
@@ -96,7 +111,7 @@ fn build(
         photos,
         cameras: &cameras.cameras,
         camera_of: &cameras.of_photo,
-        options: &options,
+        options,
         seed: spec.seed,
     };
     let matched = match_pairs(&context, &pairs, work_dir, progress)?;
@@ -114,7 +129,7 @@ fn build(
         &cameras.of_photo,
         &priors,
         &matched.pairs,
-        &options,
+        options,
         &cache,
         progress,
     )?;
@@ -131,9 +146,9 @@ fn build(
     check_map(spec, &map, &mut trace.warnings)?;
 
     let watch = Stopwatch::start();
-    write_map(spec, ingested, &map, out_dir, progress)?;
+    let info = write_map(spec, ingested, &map, out_dir, progress)?;
     trace.stages.push(watch.stage("export", 1, 0));
-    Ok(map)
+    Ok((map, info))
 }
 
 /// Position priors bring a frame of their own, which is kept unless the job says otherwise.

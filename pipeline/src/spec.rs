@@ -85,7 +85,7 @@ pub struct JobSpec {
     pub origin: Option<OriginRule>,
     /// Photos are made smaller until no side is longer, pixels; `None` leaves it to the preset.
     pub max_image_size: Option<u32>,
-    /// Empty means all there are.
+    /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     pub stages: Vec<StageGroup>,
 }
 
@@ -102,5 +102,10 @@ impl JobSpec {
             max_image_size: None,
             stages: Vec::new(),
         }
+    }
+
+    /// Whether the job runs this part of the way.
+    pub fn runs(&self, stage: StageGroup) -> bool {
+        stage <= self.preset.last_stage(&self.stages)
     }
 }

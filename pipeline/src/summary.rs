@@ -1,7 +1,7 @@
 //! What came of a reconstruction: the content of `report.json`.
 
 use serde::{Deserialize, Serialize};
-use volery_scene::{Gravity, OriginRule, Quality, Scale, UnplacedReason, Verdict};
+use volery_scene::{Gravity, OriginRule, Quality, Scale, TriangleMesh, UnplacedReason, Verdict};
 
 use crate::{error::PipelineError, spec::CameraSpec};
 
@@ -78,6 +78,56 @@ pub struct StageReport {
     pub cached: usize,
 }
 
+/// What came of the dense reconstruction.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct DenseSummary {
+    /// Images with a depth map.
+    pub num_depth_maps: usize,
+    /// Pixels of all depth maps.
+    pub num_pixels: usize,
+    /// Pixels with a depth.
+    pub num_known: usize,
+    /// Points of the cloud.
+    pub num_points: usize,
+    /// Points that were concluded from their surroundings and not seen.
+    pub num_inferred: usize,
+    /// Least distance between points, in units of the map; finer detail is averaged.
+    pub spacing: Option<f64>,
+    /// Why there is no cloud.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<PipelineError>,
+}
+
+/// What came of the meshing.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct MeshSummary {
+    /// Corners of triangles.
+    pub num_vertices: usize,
+    /// Triangles.
+    pub num_triangles: usize,
+    /// In square units of the map.
+    pub area: f64,
+    /// Why there is no mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<PipelineError>,
+}
+
+impl MeshSummary {
+    /// Of a mesh.
+    pub(crate) fn of(mesh: &TriangleMesh) -> Self {
+        let area = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|v| mesh.vertices[v as usize]);
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        Self {
+            num_vertices: mesh.vertices.len(),
+            num_triangles: mesh.triangles.len(),
+            area: mesh.triangles.iter().map(area).sum(),
+            error: None,
+        }
+    }
+}
+
 /// What came of a reconstruction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -113,6 +163,12 @@ pub struct Summary {
     pub cameras: Vec<CameraReport>,
     /// Photos in the order given.
     pub images: Vec<ImageReport>,
+    /// Of the dense cloud, if one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dense: Option<DenseSummary>,
+    /// Of the mesh, if one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshSummary>,
     /// In the order they ran.
     pub stages: Vec<StageReport>,
     /// What the user should know.
@@ -131,8 +187,16 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether the map is good and holds nearly all photos.
+    /// Whether the map is good, holds nearly all photos and everything that was asked for.
     pub fn is_complete(&self) -> bool {
-        self.quality.verdict == Verdict::Good && self.num_registered * 10 >= self.num_images * 9
+        self.quality.verdict == Verdict::Good
+            && self.num_registered * 10 >= self.num_images * 9
+            && self.surface_error().is_none()
+    }
+
+    /// Why there is no dense cloud or no mesh although they were asked for.
+    pub fn surface_error(&self) -> Option<&PipelineError> {
+        let dense = self.dense.as_ref().and_then(|dense| dense.error.as_ref());
+        dense.or_else(|| self.mesh.as_ref()?.error.as_ref())
     }
 }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use volery_geometry::{Camera, CameraModel, Vector3};
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, MapFolder, reconstruct};
+use volery_pipeline::{CameraSpec, ImageInput, JobSpec, MapFolder, StageGroup, reconstruct};
 use volery_scene::{NoProgress, Progress, Stage};
 use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
 
@@ -50,7 +50,11 @@ fn photos(folder: &Path) -> JobSpec {
             .unwrap();
         ImageInput::new(format!("{i}.png"), path)
     });
-    JobSpec { camera: Some(CameraSpec::from(&camera())), ..JobSpec::new(images.collect()) }
+    JobSpec {
+        camera: Some(CameraSpec::from(&camera())),
+        stages: vec![StageGroup::Sfm],
+        ..JobSpec::new(images.collect())
+    }
 }
 
 fn map_files(folder: &Path) -> Vec<(String, Vec<u8>)> {

@@ -69,6 +69,19 @@ async fn the_same_key_is_the_same_job() {
     client.json("POST", "/v1/jobs", &key, other).await.expect(409);
 }
 
+/// What is worth having before a worker's death stays worth having.
+#[tokio::test]
+async fn a_worker_that_dies_after_the_sparse_map_leaves_it() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let job = client.reconstruct(&["late death.jpg", "b.jpg"]).await;
+    let job = client.finished(&job).await;
+    assert_eq!((&job["state"], &job["attempt"]), (&json!("partial"), &json!(3)), "{job:#}");
+    assert_eq!(job["error"]["code"], "worker_crashed");
+    let map = job["outputs"]["map_id"].as_str().unwrap();
+    client.get(&format!("/v1/maps/{map}/export/sparse.ply")).await.expect(200);
+}
+
 #[tokio::test]
 async fn a_poison_job_fails_after_its_attempts_and_others_run() {
     let server = Server::start().await;

@@ -30,6 +30,8 @@ async fn exports_have_tags_and_ranges() {
 
     for (name, start) in [
         ("poses.csv", &b"image,"[..]),
+        ("dense.ply", b"many points"),
+        ("mesh.ply", b"a surface"),
         ("colmap.zip", b"PK"),
         ("colmap_bin.zip", b"PK"),
         ("map.glb", b"exported"),

@@ -120,6 +120,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-features",
             "volery-estimation",
             "volery-sfm",
+            "volery-mvs",
+            "volery-meshing",
             "volery-localization",
             "volery-formats",
             "volery-api",

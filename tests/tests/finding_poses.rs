@@ -9,7 +9,7 @@ use volery_formats::{DecodeLimits, decode_image};
 use volery_geometry::similarity_from_points;
 use volery_localization::{LocalizationPrior, LocalizeOptions, PoseEstimate, Status};
 use volery_pipeline::map_folder::{self, MapFolder};
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, reconstruct};
+use volery_pipeline::{CameraSpec, ImageInput, JobSpec, StageGroup, reconstruct};
 use volery_scene::{NoProgress, Verdict};
 use volery_tests::{SharedSet, evaluation::Poses, shared::read_poses};
 
@@ -31,8 +31,11 @@ fn map_of(set: &SharedSet, name: &str) -> (MapFolder, Poses) {
     let _ = std::fs::remove_dir_all(&folder);
     let images =
         set.images.iter().map(|name| ImageInput::new(name, set.images_dir.join(name))).collect();
-    let spec =
-        JobSpec { camera: set.camera.as_ref().map(CameraSpec::from), ..JobSpec::new(images) };
+    let spec = JobSpec {
+        camera: set.camera.as_ref().map(CameraSpec::from),
+        stages: vec![StageGroup::Sfm],
+        ..JobSpec::new(images)
+    };
     let out = folder.join("map");
     let summary = reconstruct(&spec, &folder.join("work"), &out, &NoProgress).unwrap();
     assert_eq!(summary.quality.verdict, Verdict::Good, "{:?}", summary.quality);

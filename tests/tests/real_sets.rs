@@ -2,14 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, Summary, map_folder, reconstruct};
+use volery_pipeline::{
+    CameraSpec, ImageInput, JobSpec, StageGroup, Summary, map_folder, reconstruct,
+};
 use volery_scene::{NoProgress, Verdict};
 use volery_tests::{Alignment, SharedSet, shared::read_poses};
 
 fn job(set: &SharedSet) -> JobSpec {
     let images =
         set.images.iter().map(|name| ImageInput::new(name, set.images_dir.join(name))).collect();
-    JobSpec { camera: set.camera.as_ref().map(CameraSpec::from), ..JobSpec::new(images) }
+    JobSpec {
+        camera: set.camera.as_ref().map(CameraSpec::from),
+        stages: vec![StageGroup::Sfm],
+        ..JobSpec::new(images)
+    }
 }
 
 fn run(set: &SharedSet) -> (Summary, PathBuf) {

@@ -10,7 +10,7 @@ use std::{
 };
 
 use uuid::Uuid;
-use volery_api::{CreateJob, Job, JobState};
+use volery_api::{CreateJob, Job, JobState, StageGroup};
 use volery_client::{Client, UploadFile};
 use volery_geometry::Camera;
 use volery_synthetic::DemoHall;
@@ -135,7 +135,12 @@ pub(crate) async fn upload(client: &Client, photos: &Photos) -> Uuid {
 }
 
 pub(crate) async fn submit(client: &Client, set: Uuid) -> Job {
-    let request = CreateJob { imageset_ids: vec![set], seed: 9, ..CreateJob::default() };
+    let request = CreateJob {
+        imageset_ids: vec![set],
+        seed: 9,
+        stages: vec![StageGroup::Sfm],
+        ..CreateJob::default()
+    };
     client.create_job(&request).await.unwrap()
 }
 

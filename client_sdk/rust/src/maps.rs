@@ -64,7 +64,7 @@ impl Client {
         self.get(&format!("/v1/maps/{id}/cameras")).await
     }
 
-    /// An export of a map: `colmap.zip`, `sparse.ply`, `map.glb`, ...; `/v1/info` lists them.
+    /// An export of a map: `colmap.zip`, `dense.ply`, `map.glb`, ...; `/v1/info` lists them.
     pub async fn export(
         &self,
         id: Uuid,

@@ -68,22 +68,27 @@ fn lock(path: &Path) -> Result<File, PipelineError> {
 
 fn success(summary: &Summary) -> JobResult {
     let complete = summary.is_complete();
-    let reason = summary.quality.reasons.first();
-    let detail = (!complete).then(|| match reason {
-        Some(reason) => reason.detail.clone(),
-        None => {
-            format!("{} of {} images registered", summary.num_registered, summary.num_images)
-        }
-    });
+    let lack = (!complete).then(|| lack(summary));
     JobResult {
         ok: true,
         state: Some(if complete { "succeeded" } else { "partial" }.to_owned()),
         map: Some(PathBuf::from(OUT_FOLDER).to_string_lossy().into_owned()),
-        code: (!complete)
-            .then(|| reason.map_or("images_unplaced".to_owned(), |reason| reason.code.clone())),
-        detail,
-        hint: if complete { None } else { summary.advice.first().cloned() },
+        code: lack.as_ref().map(|lack| lack.code.clone()),
+        detail: lack.as_ref().map(|lack| lack.detail.clone()),
+        hint: lack.and_then(|lack| lack.hint.or_else(|| summary.advice.first().cloned())),
     }
+}
+
+/// What an incomplete map lacks first.
+fn lack(summary: &Summary) -> PipelineError {
+    if let Some(reason) = summary.quality.reasons.first() {
+        return PipelineError::plain(&reason.code, reason.detail.clone());
+    }
+    if let Some(error) = summary.surface_error() {
+        return error.clone();
+    }
+    let (registered, images) = (summary.num_registered, summary.num_images);
+    PipelineError::plain("images_unplaced", format!("{registered} of {images} images registered"))
 }
 
 /// Standard output as lines of JSON.

@@ -76,7 +76,8 @@ pub(super) async fn run_child(
     let _stdin = group.0.stdin.take();
     let tail = tokio::spawn(read_tail(stderr));
     let mut lines = FramedRead::new(stdout, LinesCodec::new_with_max_length(MAX_LINE));
-    let mut teller = Teller { app, lease, tracker: Tracker::default(), said: None };
+    let tracker = Tracker::new(job.request.preset.last_stage(&job.request.stages));
+    let mut teller = Teller { app, lease, tracker, said: None };
     let mut tick = tokio::time::interval(TICK);
     let deadline = tokio::time::sleep(app.config.jobs.timeout);
     let mut deadline = std::pin::pin!(deadline);

@@ -3,24 +3,29 @@
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use volery_api::{JobProgress, JobStage};
+use volery_api::{JobProgress, JobStage, StageGroup};
 
-/// Share of each stage in the time of a usual job.
-const SHARES: [(&str, f64); 6] = [
-    ("features", 0.35),
-    ("pairs", 0.03),
-    ("matching", 0.35),
-    ("mapping", 0.22),
-    ("align", 0.02),
-    ("export", 0.03),
+/// Time that each stage takes in a usual job, relative to the sparse map.
+const WEIGHTS: [(StageGroup, &str, f64); 9] = [
+    (StageGroup::Sfm, "features", 0.35),
+    (StageGroup::Sfm, "pairs", 0.03),
+    (StageGroup::Sfm, "matching", 0.35),
+    (StageGroup::Sfm, "mapping", 0.22),
+    (StageGroup::Sfm, "align", 0.02),
+    (StageGroup::Sfm, "export", 0.03),
+    (StageGroup::Dense, "depth_maps", 6.0),
+    (StageGroup::Dense, "fusion", 1.0),
+    (StageGroup::Mesh, "meshing", 1.5),
 ];
 
 /// Time between two events of progress.
 const INTERVAL: Duration = Duration::from_millis(250);
 
 /// What a child reported.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Tracker {
+    /// Where the job ends.
+    last: StageGroup,
     pub(super) stages: Vec<JobStage>,
     pub(super) progress: JobProgress,
     /// When the running stage began, and how many units it had finished then.
@@ -39,6 +44,18 @@ pub(super) struct Step {
 }
 
 impl Tracker {
+    /// Of a job that ends with `last`.
+    pub(super) fn new(last: StageGroup) -> Self {
+        Self {
+            last,
+            stages: Vec::new(),
+            progress: JobProgress::default(),
+            began: None,
+            told: None,
+            untold: false,
+        }
+    }
+
     /// Takes a step in; answers the events that tell it now.
     pub(super) fn step(
         &mut self,
@@ -71,7 +88,7 @@ impl Tracker {
         }
         self.progress = JobProgress {
             // Never back: a stage may learn that it has more to do.
-            fraction: fraction(&step).unwrap_or(0.0).max(self.progress.fraction),
+            fraction: self.fraction(&step).unwrap_or(0.0).max(self.progress.fraction),
             eta_s: self.eta_s(&step, now),
             done: step.done,
             total: step.total,
@@ -122,6 +139,16 @@ impl Tracker {
         Some((now - began).as_secs_f64() / done as f64 * left as f64)
     }
 
+    fn fraction(&self, step: &Step) -> Option<f64> {
+        let weights = || WEIGHTS.iter().filter(|(group, ..)| *group <= self.last);
+        let whole: f64 = weights().map(|(.., weight)| weight).sum();
+        let at = weights().position(|(_, name, _)| *name == step.stage)?;
+        let before: f64 = weights().take(at).map(|(.., weight)| weight).sum();
+        let inside = if step.total == 0 { 0.0 } else { step.done as f64 / step.total as f64 };
+        let own = weights().nth(at).map_or(0.0, |(.., weight)| *weight);
+        Some((before + own * inside.min(1.0)) / whole)
+    }
+
     fn data(&self) -> Value {
         json!({
             "stage": self.stage(),
@@ -134,13 +161,6 @@ impl Tracker {
     }
 }
 
-fn fraction(step: &Step) -> Option<f64> {
-    let at = SHARES.iter().position(|(name, _)| *name == step.stage)?;
-    let before: f64 = SHARES[..at].iter().map(|(_, share)| share).sum();
-    let inside = if step.total == 0 { 0.0 } else { step.done as f64 / step.total as f64 };
-    Some(before + SHARES[at].1 * inside.min(1.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,29 +171,32 @@ mod tests {
 
     #[test]
     fn the_fraction_rises_to_one_and_the_eta_falls() {
-        let mut tracker = Tracker::default();
-        let start = Instant::now();
-        let mut last = -1.0;
-        let mut now = start;
-        for (stage, _) in SHARES {
-            for done in 0..=10 {
-                now += Duration::from_secs(1);
-                tracker.step(step(stage, done, 10), now, "t");
-                assert!(tracker.progress.fraction >= last);
-                last = tracker.progress.fraction;
-                if done > 0 {
-                    let eta_s = tracker.progress.eta_s.unwrap();
-                    assert!((eta_s - (10 - done) as f64).abs() < 1e-9, "{stage} {done}: {eta_s}");
+        for group in [StageGroup::Sfm, StageGroup::Dense, StageGroup::Mesh] {
+            let mut tracker = Tracker::new(group);
+            let mut now = Instant::now();
+            let mut last = -1.0;
+            let stages = || WEIGHTS.iter().filter(|(of, ..)| *of <= group);
+            for (_, stage, _) in stages() {
+                for done in 0..=10 {
+                    now += Duration::from_secs(1);
+                    tracker.step(step(stage, done, 10), now, "t");
+                    assert!(tracker.progress.fraction >= last);
+                    last = tracker.progress.fraction;
+                    if done > 0 {
+                        let eta_s = tracker.progress.eta_s.unwrap();
+                        let expected = (10 - done) as f64;
+                        assert!((eta_s - expected).abs() < 1e-9, "{stage} {done}: {eta_s}");
+                    }
                 }
             }
+            assert!((last - 1.0).abs() < 1e-9, "{group:?}");
+            assert_eq!(tracker.stages.len(), stages().count());
         }
-        assert!((last - 1.0).abs() < 1e-9);
-        assert_eq!(tracker.stages.len(), SHARES.len());
     }
 
     #[test]
     fn a_flood_of_steps_is_told_a_few_times_and_to_its_end() {
-        let mut tracker = Tracker::default();
+        let mut tracker = Tracker::new(StageGroup::Mesh);
         let now = Instant::now();
         let mut told = 0;
         for done in 0..10_000 {

@@ -116,17 +116,42 @@ async fn work(
                 Finish::Failed(JobError { code, detail: detail.unwrap_or_default(), hint })
             }
         }
-        Ended::TimedOut => Finish::Failed(JobError {
-            code: "job_timeout".to_owned(),
-            detail: format!("it ran longer than {:?}", app.config.jobs.timeout),
-            hint: Some("use fewer photos or the preset `fast`".to_owned()),
-        }),
+        Ended::TimedOut => {
+            let error = JobError {
+                code: "job_timeout".to_owned(),
+                detail: format!("it ran longer than {:?}", app.config.jobs.timeout),
+                hint: Some("use fewer photos or the preset `fast`".to_owned()),
+            };
+            rescued(app, job, error).await?
+        }
         Ended::Crashed { detail } => {
             add(&app.metrics.worker_deaths, 1);
             let error = JobError { code: "worker_crashed".to_owned(), detail, hint: None };
-            again_or_failed(app, job, error)
+            match again_or_failed(app, job, error) {
+                Finish::Failed(error) => rescued(app, job, error).await?,
+                again => again,
+            }
         }
     }))
+}
+
+/// The end of a job that will not run again: with the sparse map, if that was whole before the
+/// failure, else without any.
+async fn rescued(app: &Arc<App>, job: &JobRow, error: JobError) -> ApiResult<Finish> {
+    let marker = app.job_folder(job.id).join(OUT_FOLDER).join("map.json");
+    if !tokio::fs::try_exists(marker).await? {
+        return Ok(Finish::Failed(error));
+    }
+    let JobError { code, detail, hint } = error;
+    let result = JobResult {
+        ok: true,
+        state: Some("partial".to_owned()),
+        code: Some(code),
+        detail: Some(detail),
+        hint,
+        map: None,
+    };
+    publish(app, job, result).await
 }
 
 fn again_or_failed(app: &App, job: &JobRow, error: JobError) -> Finish {

@@ -21,9 +21,11 @@ use crate::{
 };
 
 /// Names under `export/`.
-pub(crate) const EXPORTS: [&str; 11] = [
+pub(crate) const EXPORTS: [&str; 13] = [
     "poses.csv",
     "sparse.ply",
+    "dense.ply",
+    "mesh.ply",
     "map.glb",
     "transforms.json",
     "colmap.zip",

@@ -61,7 +61,7 @@ pub(crate) async fn info(State(app): State<Arc<App>>, _caller: Viewer) -> Json<I
         api: "v1".to_owned(),
         t_ns: clock::now_ns(),
         capabilities: Capabilities {
-            stages: owned(&["sfm"]),
+            stages: owned(&["sfm", "dense", "mesh"]),
             localizers: owned(&["pnp"]),
             exports: owned(&EXPORTS),
             jobs: owned(&["reconstruct"]),

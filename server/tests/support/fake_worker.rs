@@ -3,7 +3,8 @@
 //!
 //! * A photo is `\xff\xd8\xff` and words: `truncated` and `die` and `hang` are obeyed.
 //! * A map of a photo named `elsewhere` knows no place, one of `inliers 7.jpg` gives so many.
-//! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `endless`, `partial`.
+//! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `endless`, `partial`,
+//!   `late death` (after the sparse map is whole).
 
 use std::{
     fs,
@@ -79,13 +80,24 @@ fn run_job(folder: &Path) {
             }
         }
     }
+    write_map(folder, &names);
+    if told("late death") {
+        std::process::abort();
+    }
     say(json!({"type": "log", "level": "info", "message": "the map is written"}));
+    let state = if told("partial") { "partial" } else { "succeeded" };
+    say(json!({"type": "result", "ok": true, "state": state, "map": "out"}));
+}
+
+fn write_map(folder: &Path, names: &[String]) {
     let out = folder.join("out");
     fs::create_dir_all(out.join("colmap")).expect("room");
     for (name, text) in [
         ("map.json", json!({"num_images": names.len(), "scale": {"metric": false}}).to_string()),
         ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
         ("sparse.ply", "0123456789".to_owned()),
+        ("dense.ply", "many points".to_owned()),
+        ("mesh.ply", "a surface".to_owned()),
         ("report.json", "{}".to_owned()),
         ("report.html", "<p>fine</p>".to_owned()),
         ("localization.bin", names.join("\n")),
@@ -94,8 +106,6 @@ fn run_job(folder: &Path) {
     ] {
         fs::write(out.join(name), text).expect("room");
     }
-    let state = if told("partial") { "partial" } else { "succeeded" };
-    say(json!({"type": "result", "ok": true, "state": state, "map": "out"}));
 }
 
 fn read_part(input: &mut impl Read) -> Option<Vec<u8>> {

@@ -32,7 +32,10 @@ pub use features_file::{
 };
 pub use glb::{write_glb, write_glb_of_mesh, write_glb_of_textured_mesh};
 pub use jpeg::{WriteJpegError, write_jpeg};
-pub use ply::{PlyCloud, PlyError, read_ply, write_ply, write_ply_of_mesh, write_ply_of_model};
+pub use ply::{
+    PlyCloud, PlyError, read_ply, read_ply_of_cloud, read_ply_of_mesh, write_ply,
+    write_ply_of_cloud, write_ply_of_mesh, write_ply_of_model,
+};
 pub use poses_csv::{NamedPose, read_poses_csv, write_poses_csv};
 pub use positions_csv::{NamedPosition, read_positions_csv};
 pub use rendered_png::{write_depth_png, write_png};

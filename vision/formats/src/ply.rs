@@ -3,9 +3,11 @@
 use nalgebra::{Point3, Vector3};
 use volery_scene::SparseModel;
 
+mod cloud;
 mod mesh;
 
-pub use mesh::write_ply_of_mesh;
+pub use cloud::{read_ply_of_cloud, write_ply_of_cloud};
+pub use mesh::{read_ply_of_mesh, write_ply_of_mesh};
 
 /// Bytes that the header may take.
 const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -76,11 +78,9 @@ pub fn write_ply_of_model(model: &SparseModel) -> Vec<u8> {
 /// [`PlyError`] for a broken header, missing bytes, and coordinates that are not finite.
 pub fn read_ply(bytes: &[u8]) -> Result<PlyCloud, PlyError> {
     let (layout, data) = read_header(bytes)?;
-    match layout.encoding {
-        Encoding::Ascii => read_ascii(&layout, data),
-        Encoding::LittleEndian => read_binary(&layout, data, false),
-        Encoding::BigEndian => read_binary(&layout, data, true),
-    }
+    let mut cloud = PlyCloud::default();
+    layout.each_vertex(data, &mut |values| layout.push(&mut cloud, values))?;
+    Ok(cloud)
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -212,7 +212,65 @@ fn read_header(bytes: &[u8]) -> Result<(Layout, &[u8]), PlyError> {
     Ok((layout, &bytes[data_start..]))
 }
 
+/// Takes the properties of the next vertex.
+type Take<'a> = dyn FnMut(&[f64]) -> Result<(), PlyError> + 'a;
+
 impl Layout {
+    /// Bytes of a vertex in a binary file.
+    fn stride(&self) -> usize {
+        self.properties.iter().map(|(_, kind)| kind.size()).sum()
+    }
+
+    fn each_vertex(&self, data: &[u8], take: &mut Take<'_>) -> Result<(), PlyError> {
+        match self.encoding {
+            Encoding::Ascii => self.each_ascii_vertex(data, take),
+            Encoding::LittleEndian => self.each_binary_vertex(data, false, take),
+            Encoding::BigEndian => self.each_binary_vertex(data, true, take),
+        }
+    }
+
+    fn each_binary_vertex(
+        &self,
+        data: &[u8],
+        big_endian: bool,
+        take: &mut Take<'_>,
+    ) -> Result<(), PlyError> {
+        let num_whole = data.len() / self.stride();
+        if num_whole < self.num_vertices {
+            return Err(PlyError::Truncated { vertex: num_whole });
+        }
+        let mut values = vec![0.0; self.properties.len()];
+        for record in data.chunks_exact(self.stride()).take(self.num_vertices) {
+            let mut at = 0;
+            for (value, (_, kind)) in values.iter_mut().zip(&self.properties) {
+                let mut raw = [0; 8];
+                let bytes = &mut raw[..kind.size()];
+                bytes.copy_from_slice(&record[at..at + kind.size()]);
+                if big_endian {
+                    bytes.reverse();
+                }
+                *value = kind.read(raw);
+                at += kind.size();
+            }
+            take(&values)?;
+        }
+        Ok(())
+    }
+
+    fn each_ascii_vertex(&self, data: &[u8], take: &mut Take<'_>) -> Result<(), PlyError> {
+        let text = String::from_utf8_lossy(data);
+        let mut words = text.split_ascii_whitespace();
+        let mut values = vec![0.0; self.properties.len()];
+        for vertex in 0..self.num_vertices {
+            for value in &mut values {
+                let word = words.next().ok_or(PlyError::Truncated { vertex })?;
+                *value = word.parse().map_err(|_| PlyError::NotANumber { vertex })?;
+            }
+            take(&values)?;
+        }
+        Ok(())
+    }
+
     fn push(&self, cloud: &mut PlyCloud, values: &[f64]) -> Result<(), PlyError> {
         let point = Point3::from(self.xyz.map(|i| values[i]));
         if !point.iter().all(|v| v.is_finite()) {
@@ -233,50 +291,6 @@ impl Layout {
         cloud.colors.push(self.rgb.map_or([255; 3], |rgb| rgb.map(color)));
         Ok(())
     }
-}
-
-fn read_binary(layout: &Layout, data: &[u8], big_endian: bool) -> Result<PlyCloud, PlyError> {
-    let stride: usize = layout.properties.iter().map(|(_, kind)| kind.size()).sum();
-    let num_whole = data.len() / stride;
-    if num_whole < layout.num_vertices {
-        return Err(PlyError::Truncated { vertex: num_whole });
-    }
-    let mut cloud = PlyCloud {
-        points: Vec::with_capacity(layout.num_vertices),
-        colors: Vec::with_capacity(layout.num_vertices),
-        normals: Vec::new(),
-    };
-    let mut values = vec![0.0; layout.properties.len()];
-    for record in data.chunks_exact(stride).take(layout.num_vertices) {
-        let mut at = 0;
-        for (value, (_, kind)) in values.iter_mut().zip(&layout.properties) {
-            let mut raw = [0; 8];
-            let bytes = &mut raw[..kind.size()];
-            bytes.copy_from_slice(&record[at..at + kind.size()]);
-            if big_endian {
-                bytes.reverse();
-            }
-            *value = kind.read(raw);
-            at += kind.size();
-        }
-        layout.push(&mut cloud, &values)?;
-    }
-    Ok(cloud)
-}
-
-fn read_ascii(layout: &Layout, data: &[u8]) -> Result<PlyCloud, PlyError> {
-    let text = String::from_utf8_lossy(data);
-    let mut words = text.split_ascii_whitespace();
-    let mut cloud = PlyCloud::default();
-    let mut values = vec![0.0; layout.properties.len()];
-    for vertex in 0..layout.num_vertices {
-        for value in &mut values {
-            let word = words.next().ok_or(PlyError::Truncated { vertex })?;
-            *value = word.parse().map_err(|_| PlyError::NotANumber { vertex })?;
-        }
-        layout.push(&mut cloud, &values)?;
-    }
-    Ok(cloud)
 }
 
 #[cfg(test)]

@@ -6,15 +6,16 @@
 //!
 //! * `--pixels N`: pixels of a depth map.
 //! * `--sources N`: other images per image.
-//! * `--cluster N`: images that are worked on at once.
+//! * `--cluster N`: images that are in memory at once.
+//! * `--cell PX`: one point per cell of so many pixels.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use volery_formats::colmap::read_colmap_text;
-use volery_formats::{ColmapFiles, DecodeLimits, decode_image};
-use volery_mvs::{DenseOptions, Photo, Photos, reconstruct_dense};
-use volery_scene::{DepthMap, ImageId, PointCloud, Progress, SparseModel, Stage};
+use volery_formats::{ColmapFiles, DecodeLimits, decode_image, write_ply_of_cloud};
+use volery_mvs::{DenseOptions, MemoryShelf, depth_map, reconstruct_dense};
+use volery_scene::{DepthMap, ImageId, Photo, Photos, Progress, SparseModel, Stage};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -42,6 +43,7 @@ fn main() -> Result<(), Failure> {
         match argument.as_str() {
             "--pixels" => options.max_pixels = value()?.parse()?,
             "--sources" => options.max_sources = value()?.parse()?,
+            "--cell" => options.cell_px = value()?.parse()?,
             "--cluster" => options.cluster_size = value()?.parse()?,
             _ => free.push(PathBuf::from(argument)),
         }
@@ -58,8 +60,10 @@ fn main() -> Result<(), Failure> {
     std::fs::create_dir_all(&out)?;
     let folder = Folder { path: &photos, model: &model };
     let clock = Clock::default();
-    let mut all = Vec::new();
-    let cloud = reconstruct_dense(&model, &folder, &options, &clock, &mut |maps| all.extend(maps))?;
+    let shelf = MemoryShelf::default();
+    let dense = reconstruct_dense(&model, &folder, &shelf, &options, &clock)?;
+    let map_of = |image: &ImageId| depth_map(&model, &shelf, &options, *image);
+    let all: Vec<DepthMap> = dense.images.iter().filter_map(map_of).collect();
     let [depth_s, fusion_s] = clock.seconds();
     let megapixels: f64 = all.iter().map(|map| map.depth.len() as f64 * 1e-6).sum();
     println!(
@@ -67,9 +71,9 @@ fn main() -> Result<(), Failure> {
         all.len(),
         depth_s / megapixels,
         fusion_s / megapixels,
-        cloud.points.len()
+        dense.cloud.points.len()
     );
-    std::fs::write(out.join("dense.ply"), ply_of(&cloud))?;
+    std::fs::write(out.join("dense.ply"), write_ply_of_cloud(&dense.cloud))?;
     for map in &all {
         let name = Path::new(&model.images[&map.image].name).with_extension("depth");
         std::fs::write(out.join(name), bytes_of(map))?;
@@ -96,24 +100,6 @@ impl Progress for Clock {
         let running = if stage == Stage::Fusion { fusion } else { depth };
         *running = (now, running.1 + now - last);
     }
-}
-
-fn ply_of(cloud: &PointCloud) -> Vec<u8> {
-    let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float \
-         y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty \
-         uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar \
-         confidence\nproperty uchar inferred\nend_header\n",
-        cloud.points.len()
-    )
-    .into_bytes();
-    for point in &cloud.points {
-        let numbers = point.position.iter().chain(point.normal.iter());
-        bytes.extend(numbers.flat_map(|v| v.to_le_bytes()));
-        bytes.extend(point.color);
-        bytes.extend([point.confidence, u8::from(point.inferred)]);
-    }
-    bytes
 }
 
 fn bytes_of(map: &DepthMap) -> Vec<u8> {

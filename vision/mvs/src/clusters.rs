@@ -54,6 +54,7 @@ mod tests {
         let near = |i: u32| (i.saturating_sub(2)..(i + 3).min(num)).filter(move |&j| j != i);
         let hood = |i: u32| Neighborhood {
             sources: near(i).map(ImageId).collect(),
+            relatives: Vec::new(),
             range: [0.1, 1.0],
             points: Vec::new(),
         };

@@ -1,26 +1,11 @@
 //! The stages of dense reconstruction, one after the other.
 
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
+use volery_geometry::Camera;
+use volery_scene::{Cancelled, DepthMap, ImageId, Photos, PointCloud, Progress, SparseModel};
 
-use volery_geometry::{Camera, SimdLevel};
-use volery_scene::{
-    Cancelled, DepthMap, ImageId, Photos, PointCloud, Progress, SparseModel, Stage,
-};
-
-use crate::clusters::clusters;
-use crate::depth::Stereo;
-use crate::filter::{filter_depth_maps, remove_seen_through};
-use crate::fusion::fuse_depth_maps;
-use crate::infer::infer_flat_surfaces;
-use crate::patch_match::MAX_SOURCES;
-use crate::selection::{Neighborhood, neighborhood};
-use crate::working_image::{WorkingImage, working_camera};
-
-/// Least side of a depth map, pixels.
-const MIN_SIDE: u32 = 16;
-/// Most pixels of a depth map that the vectors can address.
-const MAX_PIXELS: u32 = 1 << 23;
+use crate::passes::Passes;
+use crate::shelf::{NotKept, Shelf};
+use crate::thinning::thin_cloud;
 
 /// How dense reconstruction works.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,15 +14,19 @@ pub struct DenseOptions {
     pub max_pixels: u32,
     /// Other images that judge an image, at most 16.
     pub max_sources: usize,
-    /// Images that are worked on at once: memory grows with it.
+    /// Images that are in memory at once, beside those that they are compared with. The result
+    /// does not depend on it.
     pub cluster_size: usize,
+    /// Side of the cells of which each gives one point, in widths of a middle pixel on its
+    /// surface; 0 gives a point for every pixel that sees its surface best.
+    pub cell_px: f32,
     /// Of the perturbations.
     pub seed: u64,
 }
 
 impl Default for DenseOptions {
     fn default() -> Self {
-        Self { max_pixels: 320_000, max_sources: 8, cluster_size: 120, seed: 1 }
+        Self { max_pixels: 320_000, max_sources: 8, cluster_size: 120, cell_px: 0.0, seed: 1 }
     }
 }
 
@@ -59,14 +48,32 @@ pub enum DenseError {
         /// Which image.
         image: ImageId,
     },
+    /// A finished unit could not be kept.
+    #[error(transparent)]
+    NotKept(#[from] NotKept),
     /// The work was asked to stop.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
+/// A dense cloud and what it is made of.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Dense {
+    /// In the frame of the model.
+    pub cloud: PointCloud,
+    /// Images with a depth map on the shelf.
+    pub images: Vec<ImageId>,
+    /// Pixels of the depth maps, and those with a depth.
+    pub num_pixels: [usize; 2],
+    /// Side of the cells of which each has one point; 0 if they were not made.
+    pub cell: f32,
+}
+
 /// Depth maps and cloud of all images of `model` that others can judge.
 ///
-/// The images are worked on in clusters; `finished` is given the depth maps of each.
+/// * `shelf` gets every finished unit and is asked for it first; at the end it holds the photos
+///   and the depth maps ([`depth_map`], [`small_photo`]). It must be of this model, of these photos and
+///   options (but for `cluster_size` and `cell_px`).
 ///
 /// # Errors
 ///
@@ -74,143 +81,41 @@ pub enum DenseError {
 pub fn reconstruct_dense(
     model: &SparseModel,
     photos: &dyn Photos,
+    shelf: &dyn Shelf,
     options: &DenseOptions,
     progress: &dyn Progress,
-    finished: &mut dyn FnMut(Vec<DepthMap>),
-) -> Result<PointCloud, DenseError> {
-    let neighborhoods = neighborhoods(model, options);
-    if neighborhoods.is_empty() {
-        return Err(DenseError::NoSources);
-    }
-    let mut cloud = PointCloud::default();
-    let (mut done, total) = (0, neighborhoods.len());
-    for members in clusters(&neighborhoods, options.cluster_size.max(1)) {
-        let cluster = Cluster::load(model, photos, &neighborhoods, &members, options)?;
-        let unfiltered = cluster.depth_maps(progress, 2 * done, 2 * total)?;
-        progress.report(Stage::Fusion, done, total);
-        let mut maps = filter_depth_maps(&unfiltered);
-        drop(unfiltered);
-        progress.check()?;
-        for map in &mut maps {
-            infer_flat_surfaces(map, &cluster.images[&map.image].levels[0].gray);
-        }
-        maps = remove_seen_through(&maps);
-        progress.check()?;
-        let color = |map: &DepthMap, index: usize| cluster.images[&map.image].color(index);
-        cloud.points.extend(fuse_depth_maps(&maps, &color).points);
-        done += members.len();
-        progress.report(Stage::Fusion, done, total);
-        finished(maps);
-    }
-    Ok(cloud)
+) -> Result<Dense, DenseError> {
+    let passes = Passes::new(model, photos, shelf, options, progress)?;
+    passes.photometric()?;
+    passes.geometric()?;
+    passes.filter()?;
+    passes.remove_seen_through()?;
+    let fused = passes.fuse()?;
+    let mut footprints = fused.footprints;
+    footprints.sort_by(f32::total_cmp);
+    let cell = options.cell_px * footprints.get(footprints.len() / 2).copied().unwrap_or(0.0);
+    progress.check()?;
+    let cloud = if cell > 0.0 { thin_cloud(&fused.cloud, cell) } else { fused.cloud };
+    Ok(Dense { cloud, images: passes.images(), num_pixels: fused.num_pixels, cell })
 }
 
-fn neighborhoods(model: &SparseModel, options: &DenseOptions) -> BTreeMap<ImageId, Neighborhood> {
-    let of_image = |&id: &ImageId| {
-        let working = working_camera_of(model, id, options)?;
-        if working.width.min(working.height) < MIN_SIDE {
-            return None;
-        }
-        let max_sources = options.max_sources.min(MAX_SOURCES);
-        Some((id, neighborhood(model, id, &working, max_sources)?))
-    };
-    model.images.keys().filter_map(of_image).collect()
-}
-
-fn working_camera_of(
+/// The depth map of an image of [`Dense::images`]; `options` as they were.
+pub fn depth_map(
     model: &SparseModel,
+    shelf: &dyn Shelf,
+    options: &DenseOptions,
     image: ImageId,
-    options: &DenseOptions,
-) -> Option<Camera> {
-    let camera = model.cameras.get(&model.images.get(&image)?.camera)?;
-    Some(working_camera(camera, options.max_pixels.min(MAX_PIXELS)))
+) -> Option<DepthMap> {
+    crate::passes::finished_map(model, shelf, options, image)
 }
 
-/// Images that are worked on together, and those that judge them.
-struct Cluster<'a> {
-    members: &'a [ImageId],
-    neighborhoods: &'a BTreeMap<ImageId, Neighborhood>,
-    images: BTreeMap<ImageId, WorkingImage>,
-    seed: u64,
-}
-
-impl<'a> Cluster<'a> {
-    fn load(
-        model: &SparseModel,
-        photos: &dyn Photos,
-        neighborhoods: &'a BTreeMap<ImageId, Neighborhood>,
-        members: &'a [ImageId],
-        options: &DenseOptions,
-    ) -> Result<Self, DenseError> {
-        let mut images = BTreeMap::new();
-        for &id in members.iter().chain(members.iter().flat_map(|id| &neighborhoods[id].sources)) {
-            if let Entry::Vacant(place) = images.entry(id) {
-                place.insert(working_image(model, photos, id, options)?);
-            }
-        }
-        Ok(Self { members, neighborhoods, images, seed: options.seed })
-    }
-
-    fn stereo(&self, image: ImageId) -> Stereo<'_> {
-        let neighborhood = &self.neighborhoods[&image];
-        Stereo {
-            simd: SimdLevel::detect(),
-            reference: &self.images[&image],
-            sources: neighborhood.sources.iter().map(|source| &self.images[source]).collect(),
-            neighborhood,
-            seed: self.seed,
-        }
-    }
-
-    /// Unfiltered depth maps of the members: first each alone, then beside the others.
-    fn depth_maps(
-        &self,
-        progress: &dyn Progress,
-        mut done: usize,
-        total: usize,
-    ) -> Result<Vec<DepthMap>, DenseError> {
-        let mut maps = Vec::with_capacity(self.members.len());
-        for &image in self.members {
-            progress.check()?;
-            maps.push(self.stereo(image).photometric());
-            done += 1;
-            progress.report(Stage::DepthMaps, done, total);
-        }
-        let inverse: BTreeMap<ImageId, Vec<f32>> = maps
-            .iter()
-            .map(|map| (map.image, map.depth.iter().map(|d| 1.0 / d).collect()))
-            .collect();
-        for map in &mut maps {
-            progress.check()?;
-            let stereo = self.stereo(map.image);
-            let theirs: Vec<Option<&[f32]>> =
-                stereo.sources.iter().map(|s| inverse.get(&s.id).map(Vec::as_slice)).collect();
-            if theirs.iter().any(Option::is_some) {
-                *map = stereo.geometric(map, &theirs);
-            }
-            done += 1;
-            progress.report(Stage::DepthMaps, done, total);
-        }
-        Ok(maps)
-    }
-}
-
-fn working_image(
+/// The photo as the depth map of an image of [`Dense::images`] has its pixels: its camera, and sRGB
+/// row by row.
+pub fn small_photo(
     model: &SparseModel,
-    photos: &dyn Photos,
-    id: ImageId,
+    shelf: &dyn Shelf,
     options: &DenseOptions,
-) -> Result<WorkingImage, DenseError> {
-    let missing = DenseError::NoPhoto { image: id };
-    let image = model.images.get(&id).ok_or(missing.clone())?;
-    let camera = model.cameras.get(&image.camera).ok_or(missing.clone())?;
-    let photo = photos.photo(id).ok_or(missing.clone())?;
-    let num_pixels = photo.gray.pixels().len();
-    if (photo.gray.width(), photo.gray.height()) != (camera.width, camera.height)
-        || photo.colors.as_ref().is_some_and(|colors| colors.len() != num_pixels)
-    {
-        return Err(DenseError::WrongSize { image: id });
-    }
-    let working = working_camera_of(model, id, options).ok_or(missing)?;
-    Ok(WorkingImage::new(id, &photo, camera, &working, image.cam_from_world))
+    image: ImageId,
+) -> Option<(Camera, Vec<[u8; 3]>)> {
+    crate::passes::small_photo(model, shelf, options, image)
 }

@@ -25,37 +25,42 @@ const CONNECTED: f32 = 0.02;
 /// Forgets the pixels that too few other maps confirm, those that more maps see through
 /// than confirm (P43), and small pieces.
 pub fn filter_depth_maps(maps: &[DepthMap]) -> Vec<DepthMap> {
-    let relations = related(maps, MAX_RELATED);
-    let filter = |(map, related): (&DepthMap, &Vec<Related>)| {
-        let mut kept = map.clone();
-        for index in 0..map.depth.len() {
-            if !is_confirmed(map, index, related) {
-                kept.clear(index);
-            }
-        }
-        remove_small_pieces(&mut kept);
-        kept
-    };
-    maps.par_iter().zip(&relations).map(filter).collect()
+    maps.par_iter().map(|map| confirmed(map, maps.iter())).collect()
 }
 
-/// Forgets inferred pixels that another map sees through.
-pub(crate) fn remove_seen_through(maps: &[DepthMap]) -> Vec<DepthMap> {
-    let relations = related(maps, MAX_RELATED);
-    let remove = |(map, related): (&DepthMap, &Vec<Related>)| {
-        let mut kept = map.clone();
-        for index in (0..map.depth.len()).filter(|&index| map.inferred[index]) {
-            let landings = related.iter().filter_map(|other| {
-                let landing = other.landing(map, index)?;
-                (!other.map.inferred[landing.pixel]).then_some(landing)
-            });
-            if landings.into_iter().any(|l| l.depth < l.known * (1.0 - IN_FRONT)) {
-                kept.clear(index);
-            }
+/// The pixels of `map` that [`filter_depth_maps`] keeps, `others` being asked.
+pub(crate) fn confirmed<'a>(
+    map: &DepthMap,
+    others: impl Iterator<Item = &'a DepthMap>,
+) -> DepthMap {
+    let related = related(map, others, MAX_RELATED);
+    let mut kept = map.clone();
+    for index in 0..map.depth.len() {
+        if !is_confirmed(map, index, &related) {
+            kept.clear(index);
         }
-        kept
-    };
-    maps.par_iter().zip(&relations).map(remove).collect()
+    }
+    remove_small_pieces(&mut kept);
+    kept
+}
+
+/// `map` without the inferred pixels that another one sees through.
+pub(crate) fn not_seen_through<'a>(
+    map: &DepthMap,
+    others: impl Iterator<Item = &'a DepthMap>,
+) -> DepthMap {
+    let related = related(map, others, MAX_RELATED);
+    let mut kept = map.clone();
+    for index in (0..map.depth.len()).filter(|&index| map.inferred[index]) {
+        let mut landings = related.iter().filter_map(|other| {
+            let landing = other.landing(map, index)?;
+            (!other.map.inferred[landing.pixel]).then_some(landing)
+        });
+        if landings.any(|l| l.depth < l.known * (1.0 - IN_FRONT)) {
+            kept.clear(index);
+        }
+    }
+    kept
 }
 
 fn is_confirmed(map: &DepthMap, index: usize, related: &[Related]) -> bool {
@@ -191,9 +196,9 @@ mod tests {
             maps[0].depth[index] = 1.5;
             maps[0].inferred[index] = true;
         }
-        let kept = remove_seen_through(&maps);
-        assert!(middle(10).all(|index| kept[0].depth[index] == 0.0));
-        assert!(kept[0].depth[0] == 2.0);
+        let kept = not_seen_through(&maps[0], maps.iter());
+        assert!(middle(10).all(|index| kept.depth[index] == 0.0));
+        assert!(kept.depth[0] == 2.0);
     }
 
     #[test]

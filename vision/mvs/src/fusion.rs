@@ -15,35 +15,33 @@ pub fn fuse_depth_maps(
     maps: &[DepthMap],
     color: &(dyn Fn(&DepthMap, usize) -> [u8; 3] + Sync),
 ) -> PointCloud {
-    let relations = related(maps, MAX_RELATED);
-    let points = maps
-        .par_iter()
-        .zip(&relations)
-        .enumerate()
-        .flat_map_iter(|(own, (map, related))| {
-            let known = (0..map.depth.len()).filter(|&index| map.depth[index] > 0.0);
-            known.filter_map(move |index| {
-                let mut point = fuse_pixel(own, map, index, related)?;
-                point.color = color(map, index);
-                Some(point)
-            })
-        })
-        .collect();
-    PointCloud { points }
+    let points =
+        maps.par_iter().flat_map_iter(|map| fused(map, maps.iter(), &|index| color(map, index)));
+    PointCloud { points: points.collect() }
+}
+
+/// The points of `map` that none of the `others` sees better.
+pub(crate) fn fused<'a>(
+    map: &DepthMap,
+    others: impl Iterator<Item = &'a DepthMap>,
+    color: &dyn Fn(usize) -> [u8; 3],
+) -> Vec<OrientedPoint> {
+    let related = related(map, others, MAX_RELATED);
+    let known = (0..map.depth.len()).filter(|&index| map.depth[index] > 0.0);
+    let points = known.filter_map(|index| {
+        let point = fuse_pixel(map, index, &related)?;
+        Some(OrientedPoint { color: color(index), ..point })
+    });
+    points.collect()
 }
 
 /// The point of a pixel, unless another map sees it larger.
-fn fuse_pixel(
-    own: usize,
-    map: &DepthMap,
-    index: usize,
-    related: &[Related],
-) -> Option<OrientedPoint> {
+fn fuse_pixel(map: &DepthMap, index: usize, related: &[Related]) -> Option<OrientedPoint> {
     // What was seen speaks before what was inferred, then the larger view, then the first.
-    let rank = |number: usize, map: &DepthMap, index: usize| {
-        (map.inferred[index], map.depth[index] / map.camera.focal().x as f32, number)
+    let rank = |map: &DepthMap, index: usize| {
+        (map.inferred[index], map.depth[index] / map.camera.focal().x as f32, map.image)
     };
-    let own_rank = rank(own, map, index);
+    let own_rank = rank(map, index);
     let mut depth = map.depth[index];
     let mut sum = 1.0;
     let mut confidence = map.confidence[index];
@@ -52,13 +50,13 @@ fn fuse_pixel(
         if !other.is_same_surface(map, index, &landing) {
             continue;
         }
-        if rank(other.index, other.map, landing.pixel) < own_rank {
+        if rank(other.map, landing.pixel) < own_rank {
             return None;
         }
         if other.map.inferred[landing.pixel] == map.inferred[index] {
             // The pixel keeps its ray; the other's surface is so much farther along it, and its
             // error grows with the size of its pixels.
-            let weight = (own_rank.1 / rank(other.index, other.map, landing.pixel).1).powi(2);
+            let weight = (own_rank.1 / rank(other.map, landing.pixel).1).powi(2);
             depth += weight * map.depth[index] * landing.known / landing.depth;
             sum += weight;
             confidence = confidence.max(other.map.confidence[landing.pixel]);

@@ -1,7 +1,6 @@
 //! Depth maps that show the same, and where the pixels of one land in another.
 
 use nalgebra::{Rotation3, Vector3};
-use rayon::prelude::*;
 use volery_scene::DepthMap;
 
 use crate::source::Transfer;
@@ -18,8 +17,6 @@ const MIN_SHOWN: f64 = 0.03;
 /// Another depth map seen from a map.
 #[derive(Debug, Clone)]
 pub(crate) struct Related<'a> {
-    /// Position in the list of maps.
-    pub(crate) index: usize,
     pub(crate) map: &'a DepthMap,
     from_own: Transfer,
     to_own: Transfer,
@@ -38,10 +35,9 @@ pub(crate) struct Landing {
 }
 
 impl<'a> Related<'a> {
-    fn new(own: &DepthMap, index: usize, map: &'a DepthMap) -> Self {
+    fn new(own: &DepthMap, map: &'a DepthMap) -> Self {
         let other_from_own = map.cam_from_world * own.cam_from_world.inverse();
         Self {
-            index,
             map,
             from_own: Transfer::new(&own.camera, &map.camera, &other_from_own),
             to_own: Transfer::new(&map.camera, &own.camera, &other_from_own.inverse()),
@@ -84,29 +80,30 @@ impl<'a> Related<'a> {
     }
 }
 
-/// For each map up to `max` others that show most of the same, the closest relative first.
-pub(crate) fn related(maps: &[DepthMap], max: usize) -> Vec<Vec<Related<'_>>> {
-    (0..maps.len())
-        .into_par_iter()
-        .map(|own| {
-            let mut others: Vec<(usize, usize)> = (0..maps.len())
-                .filter(|&other| other != own)
-                .map(|other| (num_shown(&maps[own], &maps[other]), other))
-                .filter(|&(shown, _)| shown as f64 > MIN_SHOWN * (GRID * GRID) as f64)
-                .collect();
-            others.sort_by_key(|&(shown, other)| (std::cmp::Reverse(shown), other));
-            others.truncate(max);
-            let relate = |(_, other): (usize, usize)| Related::new(&maps[own], other, &maps[other]);
-            others.into_iter().map(relate).collect()
+/// Up to `max` of the `others` that show most of the same as `own`, the closest first; `own` itself
+/// is none of them.
+pub(crate) fn related<'a>(
+    own: &DepthMap,
+    others: impl Iterator<Item = &'a DepthMap>,
+    max: usize,
+) -> Vec<Related<'a>> {
+    let mut relations: Vec<(usize, Related<'a>)> = others
+        .filter(|other| other.image != own.image)
+        .map(|other| {
+            let relation = Related::new(own, other);
+            (num_shown(own, &relation), relation)
         })
-        .collect()
+        .filter(|&(shown, _)| shown as f64 > MIN_SHOWN * (GRID * GRID) as f64)
+        .collect();
+    relations.sort_by_key(|(shown, relation)| (std::cmp::Reverse(*shown), relation.map.image));
+    relations.truncate(max);
+    relations.into_iter().map(|(_, relation)| relation).collect()
 }
 
-/// Pixels of a grid over `own` that `other` shows at about the same depth.
-fn num_shown(own: &DepthMap, other: &DepthMap) -> usize {
+/// Pixels of a grid over `own` that the other shows at about the same depth.
+fn num_shown(own: &DepthMap, relation: &Related<'_>) -> usize {
     /// Relative difference of depth that says nothing against the same surface.
     const SAME: f32 = 0.1;
-    let relation = Related::new(own, 0, other);
     let at = |k: usize, size: usize| (2 * k + 1) * size / (2 * GRID);
     let grid = (0..GRID).flat_map(|j| (0..GRID).map(move |i| (i, j)));
     grid.filter(|&(i, j)| {

@@ -19,6 +19,8 @@ const RADIANS_PER_DEGREE: f64 = std::f64::consts::PI / 180.0;
 const IN_SIGHT: f64 = 0.25;
 /// Help after which more help for the same point counts half.
 const ENOUGH_HELP: f64 = 1.0;
+/// Images whose depth maps an image's own is compared with at most.
+const MAX_RELATIVES: usize = 32;
 /// How much nearer than the nearest and farther than the farthest sparse point a surface may be.
 const RANGE_SLACK: [f32; 2] = [0.5, 3.0];
 /// Part of the sparse points of an image that may be wrong at either end of its depth range.
@@ -29,6 +31,8 @@ const RANGE_OUTLIERS: f64 = 0.01;
 pub(crate) struct Neighborhood {
     /// Other images, most helpful first.
     pub(crate) sources: Vec<ImageId>,
+    /// Images that show most of the same, from wherever, the closest first.
+    pub(crate) relatives: Vec<ImageId>,
     /// Least and greatest inverse depth.
     pub(crate) range: [f32; 2],
     /// The sparse points, in pixels of the working camera.
@@ -63,12 +67,21 @@ pub(crate) fn neighborhood(
         .flat_map(|point| point.track.iter().map(|seen| seen.image))
         .filter(|&other| other != image)
         .collect();
-    let helps: Vec<(ImageId, Vec<f64>)> = others
+    let helps: Vec<(ImageId, Vec<Option<f64>>)> = others
         .into_iter()
         .map(|other| (other, points.iter().map(|p| help(model, image, other, p)).collect()))
         .collect();
+    let mut shown: Vec<(usize, ImageId)> =
+        helps.iter().map(|(other, helps)| (helps.iter().flatten().count(), *other)).collect();
+    shown.retain(|&(count, _)| count > 0);
+    shown.sort_by_key(|&(count, other)| (std::cmp::Reverse(count), other));
+    let relatives = shown.into_iter().map(|(_, other)| other).take(MAX_RELATIVES).collect();
+    let helps: Vec<(ImageId, Vec<f64>)> = helps
+        .into_iter()
+        .map(|(other, helps)| (other, helps.into_iter().map(|h| h.unwrap_or(0.0)).collect()))
+        .collect();
     let sources = choose(&helps, points.len(), max_sources);
-    (!sources.is_empty()).then_some(Neighborhood { sources, range, points: supports })
+    (!sources.is_empty()).then_some(Neighborhood { sources, relatives, range, points: supports })
 }
 
 /// Images that together help most of the points, the most helpful first. What a point already has
@@ -94,26 +107,25 @@ fn choose(helps: &[(ImageId, Vec<f64>)], num_points: usize, max_sources: usize) 
 }
 
 /// How much image `other` can tell of the depth of a point of image `own`, in [0, 1]: by the angle
-/// between the rays, by the resolutions, and by whether it is known to see the point.
-fn help(model: &SparseModel, own: ImageId, other: ImageId, point: &Point3d) -> f64 {
-    let (Some(own), Some(their)) = (model.images.get(&own), model.images.get(&other)) else {
-        return 0.0;
-    };
+/// between the rays, by the resolutions, and by whether it is known to see the point. `None` if
+/// the point is not in its view.
+fn help(model: &SparseModel, own: ImageId, other: ImageId, point: &Point3d) -> Option<f64> {
+    let (own, their) = (model.images.get(&own)?, model.images.get(&other)?);
     let view = |image: &RegisteredImage| {
         let camera = model.cameras.get(&image.camera)?;
         let in_cam = image.cam_from_world * point.position;
         let seen = camera.project(&in_cam).is_some_and(|pixel| camera.contains(&pixel));
         seen.then(|| camera.mean_focal() / in_cam.z)
     };
-    let (Some(own_scale), Some(their_scale)) = (view(own), view(their)) else { return 0.0 };
+    let (own_scale, their_scale) = (view(own)?, view(their)?);
     let angle = triangulation_angle(&own.center(), &their.center(), &point.position);
     if angle < MIN_ANGLE {
-        return 0.0;
+        return Some(0.0);
     }
     let off = (angle - BEST_ANGLE) / ANGLE_SPREAD[usize::from(angle > BEST_ANGLE)];
     let zoom = (their_scale / own_scale).min(own_scale / their_scale);
     let known = point.track.iter().any(|seen| seen.image == other);
-    (-0.5 * off * off).exp() * zoom * zoom * if known { 1.0 } else { IN_SIGHT }
+    Some((-0.5 * off * off).exp() * zoom * zoom * if known { 1.0 } else { IN_SIGHT })
 }
 
 fn depth_range(points: &[Support]) -> Option<[f32; 2]> {

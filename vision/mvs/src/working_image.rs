@@ -48,11 +48,6 @@ impl WorkingImage {
         cam_from_world: Isometry3<f64>,
     ) -> Self {
         let gray = undistort(&photo.gray, camera, working);
-        let mut levels = vec![Level { camera: *working, gray }];
-        while levels.len() < NUM_LEVELS {
-            let next = levels[levels.len() - 1].half();
-            levels.push(next);
-        }
         let colors = photo.colors.as_ref().map(|colors| {
             let seen = pixels_of(working).map(|pixel| seen_at(camera, working, &pixel));
             seen.map(|pixel| {
@@ -62,7 +57,32 @@ impl WorkingImage {
             })
             .collect()
         });
-        Self { id, cam_from_world, levels, colors }
+        Self { id, cam_from_world, levels: levels(gray, working), colors }
+    }
+
+    /// The gray values, then the colors if there are any.
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = self.levels[0].gray.pixels().to_vec();
+        bytes.extend(self.colors.iter().flatten().flatten());
+        bytes
+    }
+
+    /// The inverse of [`Self::to_bytes`]; `None` for another number of pixels.
+    pub(crate) fn from_bytes(
+        id: ImageId,
+        bytes: &[u8],
+        working: &Camera,
+        cam_from_world: Isometry3<f64>,
+    ) -> Option<Self> {
+        let num_pixels = working.width as usize * working.height as usize;
+        let (gray, colors) = bytes.split_at_checked(num_pixels)?;
+        let gray = GrayImage::new(working.width, working.height, gray.to_vec())?;
+        let colors = match colors.len() {
+            0 => None,
+            len if len == 3 * num_pixels => Some(colors.as_chunks::<3>().0.to_vec()),
+            _ => return None,
+        };
+        Some(Self { id, cam_from_world, levels: levels(gray, working), colors })
     }
 
     /// sRGB of a pixel of the finest level.
@@ -72,6 +92,16 @@ impl WorkingImage {
             None => [self.levels[0].gray.pixels()[index]; 3],
         }
     }
+}
+
+/// The image and its smaller copies.
+fn levels(gray: GrayImage, working: &Camera) -> Vec<Level> {
+    let mut levels = vec![Level { camera: *working, gray }];
+    while levels.len() < NUM_LEVELS {
+        let next = levels[levels.len() - 1].half();
+        levels.push(next);
+    }
+    levels
 }
 
 impl Level {

@@ -2,19 +2,25 @@
 
 mod support;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use support::{Scan, distance_to_surface, pinhole, scan};
 use volery_geometry::{Camera, CameraModel, Point3, Rng};
-use volery_mvs::{DenseError, DenseOptions, Photo, Photos, reconstruct_dense};
+use volery_mvs::{DenseError, DenseOptions, MemoryShelf, depth_map, reconstruct_dense};
 use volery_scene::{
-    Cancelled, DepthMap, GrayImage, ImageId, NoProgress, PointCloud, Progress, SparseModel, Stage,
+    Cancelled, DepthMap, GrayImage, ImageId, NoProgress, OrientedPoint, Photo, Photos, PointCloud,
+    Progress, SparseModel, Stage,
 };
 
 fn reconstruct(scan: &Scan) -> (Vec<DepthMap>, PointCloud) {
-    let mut all = Vec::new();
-    let options = DenseOptions::default();
-    let sink = &mut |maps| all.extend(maps);
-    let cloud = reconstruct_dense(&scan.model, scan, &options, &NoProgress, sink).unwrap();
-    (all, cloud)
+    reconstruct_with(scan, &DenseOptions::default())
+}
+
+fn reconstruct_with(scan: &Scan, options: &DenseOptions) -> (Vec<DepthMap>, PointCloud) {
+    let shelf = MemoryShelf::default();
+    let dense = reconstruct_dense(&scan.model, scan, &shelf, options, &NoProgress).unwrap();
+    let map = |image: &ImageId| depth_map(&scan.model, &shelf, options, *image).unwrap();
+    (dense.images.iter().map(map).collect(), dense.cloud)
 }
 
 /// Part of the values that are at most `limit`.
@@ -92,23 +98,72 @@ fn normals_point_into_the_free_space() {
     assert!(cloud.points.iter().all(|p| (p.normal.norm() - 1.0).abs() < 1e-3));
 }
 
-/// Also with clusters that need images of each other.
+/// Nor on how many images fit into memory: borders of clusters are not seen in it. (The points
+/// come in the order of the clusters.)
 #[test]
-fn the_cloud_does_not_depend_on_the_number_of_threads() {
+fn the_cloud_does_not_depend_on_threads_or_clusters() {
     let scan = scan(pinhole(96), 5);
-    let options = DenseOptions { cluster_size: 3, ..DenseOptions::default() };
-    let with_threads = |num: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(num).build().unwrap();
-        let mut maps = Vec::new();
-        let sink = &mut |more| maps.extend::<Vec<DepthMap>>(more);
-        let run = || reconstruct_dense(&scan.model, &scan, &options, &NoProgress, sink).unwrap();
-        let cloud = pool.install(run);
-        (maps, cloud)
+    let run = |num_threads: usize, cluster_size: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(num_threads).build().unwrap();
+        let options = DenseOptions { cluster_size, ..DenseOptions::default() };
+        pool.install(|| reconstruct_with(&scan, &options))
     };
-    let (maps, cloud) = with_threads(1);
+    let (maps, cloud) = run(1, 5);
     assert_eq!(maps.len(), 5);
     assert!(!cloud.points.is_empty());
-    assert!((maps, cloud) == with_threads(2));
+    assert!((&maps, &cloud) == (&run(2, 5).0, &run(2, 5).1), "threads");
+    let key = |point: &OrientedPoint| point.position.coords.map(f32::to_bits).data.0;
+    let sorted = |mut cloud: PointCloud| {
+        cloud.points.sort_by_key(key);
+        cloud
+    };
+    let (clustered_maps, clustered) = run(2, 2);
+    assert!(maps == clustered_maps && sorted(cloud) == sorted(clustered), "clusters");
+}
+
+/// Stops after so many reports.
+struct StopAfter(usize, AtomicUsize);
+
+impl Progress for StopAfter {
+    fn report(&self, _stage: Stage, _done: usize, _total: usize) {
+        self.1.fetch_add(1, Ordering::Relaxed);
+    }
+    fn is_cancelled(&self) -> bool {
+        self.1.load(Ordering::Relaxed) > self.0
+    }
+}
+
+/// However often it is stopped, it goes on and ends the same.
+#[test]
+fn stopped_again_and_again_it_ends_the_same() {
+    let scan = scan(pinhole(80), 4);
+    let options = DenseOptions { cluster_size: 2, ..DenseOptions::default() };
+    let (_, expected) = reconstruct_with(&scan, &options);
+    let shelf = MemoryShelf::default();
+    let mut num_stops = 0;
+    let cloud = loop {
+        let stop = StopAfter(8, AtomicUsize::new(0));
+        match reconstruct_dense(&scan.model, &scan, &shelf, &options, &stop) {
+            Ok(dense) => break dense.cloud,
+            Err(error) => assert_eq!(error, DenseError::Cancelled(Cancelled)),
+        }
+        num_stops += 1;
+        assert!(num_stops < 50, "it does not go on");
+    };
+    assert!(num_stops > 2 && cloud == expected);
+}
+
+/// Cells keep one point each, as far apart as was asked for.
+#[test]
+fn a_thinned_cloud_has_a_point_per_cell() {
+    let scan = scan(pinhole(96), 5);
+    let shelf = MemoryShelf::default();
+    let all = reconstruct(&scan).1.points.len();
+    let options = DenseOptions { cell_px: 2.0, ..DenseOptions::default() };
+    let dense = reconstruct_dense(&scan.model, &scan, &shelf, &options, &NoProgress).unwrap();
+    // A pixel is 1/72 of the distance of about 3 m.
+    assert!((0.05..0.12).contains(&dense.cell), "{}", dense.cell);
+    assert!(dense.cloud.points.len() * 2 < all, "{} of {all}", dense.cloud.points.len());
 }
 
 /// A lens that bends the image is the same to the stereo as one that does not.
@@ -141,7 +196,9 @@ impl Photos for Blank {
 fn nothing_is_made_of_nothing() {
     let options = DenseOptions::default();
     let run = |model: &SparseModel, photos: &dyn Photos| {
-        reconstruct_dense(model, photos, &options, &NoProgress, &mut |_| ())
+        let shelf = MemoryShelf::default();
+        let dense = reconstruct_dense(model, photos, &shelf, &options, &NoProgress);
+        dense.map(|dense| dense.cloud)
     };
     let scan = scan(pinhole(96), 3);
     // Without texture no plane is better than another.
@@ -172,6 +229,7 @@ impl Progress for Stop {
 fn work_stops_when_asked() {
     let scan = scan(pinhole(64), 3);
     let options = DenseOptions::default();
-    let stopped = reconstruct_dense(&scan.model, &scan, &options, &Stop, &mut |_| ());
+    let shelf = MemoryShelf::default();
+    let stopped = reconstruct_dense(&scan.model, &scan, &shelf, &options, &Stop);
     assert_eq!(stopped, Err(DenseError::Cancelled(Cancelled)));
 }

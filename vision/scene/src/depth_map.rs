@@ -92,6 +92,19 @@ impl DepthMap {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OctNormal([i16; 2]);
 
+impl OctNormal {
+    /// Little endian.
+    pub fn to_bytes(self) -> [u8; 4] {
+        let [[a, b], [c, d]] = self.0.map(i16::to_le_bytes);
+        [a, b, c, d]
+    }
+
+    /// The inverse of [`Self::to_bytes`].
+    pub fn from_bytes([a, b, c, d]: [u8; 4]) -> Self {
+        Self([[a, b], [c, d]].map(i16::from_le_bytes))
+    }
+}
+
 impl From<Vector3<f32>> for OctNormal {
     fn from(n: Vector3<f32>) -> Self {
         let p = n / (n.x.abs() + n.y.abs() + n.z.abs());
@@ -127,6 +140,8 @@ mod tests {
         for _ in 0..2000 {
             let normal = rng.normal3().normalize().cast::<f32>();
             let back = Vector3::from(OctNormal::from(normal));
+            let packed = OctNormal::from(normal);
+            assert_eq!(OctNormal::from_bytes(packed.to_bytes()), packed);
             assert!(normal.cross(&back).norm() < 8e-5 && normal.dot(&back) > 0.0, "{normal}");
         }
     }

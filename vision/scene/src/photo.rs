@@ -23,7 +23,7 @@ impl Photo {
 
 /// Where photos come from. They are asked for when they are worked on and not kept, so that not all
 /// need room at once.
-pub trait Photos {
+pub trait Photos: Sync {
     /// The photo of an image, `None` if there is none.
     fn photo(&self, image: ImageId) -> Option<Photo>;
 }

@@ -16,6 +16,8 @@ pub enum Stage {
     Mapping,
     /// Gravity, scale, origin; unit: steps.
     Align,
+    /// Files of the sparse map; unit: files.
+    Export,
     /// Depth of every pixel; unit: images, each counted twice (alone, and beside the others).
     DepthMaps,
     /// Depth maps to one cloud; unit: images.
@@ -24,8 +26,6 @@ pub enum Stage {
     Meshing,
     /// Photos to the texture of a surface; unit: images, each counted twice (seen, and painted).
     Texturing,
-    /// Files of the map; unit: files.
-    Export,
 }
 
 impl Stage {
@@ -36,11 +36,11 @@ impl Stage {
         Self::Matching,
         Self::Mapping,
         Self::Align,
+        Self::Export,
         Self::DepthMaps,
         Self::Fusion,
         Self::Meshing,
         Self::Texturing,
-        Self::Export,
     ];
 
     /// Its name in the API.
@@ -51,11 +51,11 @@ impl Stage {
             Self::Matching => "matching",
             Self::Mapping => "mapping",
             Self::Align => "align",
+            Self::Export => "export",
             Self::DepthMaps => "depth_maps",
             Self::Fusion => "fusion",
             Self::Meshing => "meshing",
             Self::Texturing => "texturing",
-            Self::Export => "export",
         }
     }
 

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use volery_geometry::{Camera, CameraModel, Isometry3, Point3};
-use volery_mvs::{Photo, Photos};
+
 use volery_scene::{
-    CameraId, ImageId, Observation, Point3d, PointId, RegisteredImage, SparseModel,
+    CameraId, ImageId, Observation, Photo, Photos, Point3d, PointId, RegisteredImage, SparseModel,
 };
 use volery_synthetic::{Hall, Renderer, Rendering, Rng, Room, Sensor, along_wall};
 

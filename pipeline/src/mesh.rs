@@ -1,0 +1,142 @@
+//! The last stage: a dense cloud to a colored mesh.
+
+use nalgebra::Point3;
+use volery_formats::{read_ply_of_mesh, write_ply_of_mesh};
+use volery_meshing::{
+    MeshingError, PoissonOptions, TrimOptions, color_vertices, decimate, reconstruct_surface,
+    statistical_inliers, trim,
+};
+use volery_scene::{PointCloud, Progress, Stage, TriangleMesh};
+
+use crate::{
+    cache::{Cache, Key, KeyMaker},
+    error::{PipelineError, code},
+    options::MeshOptions,
+};
+
+/// Steps that are told as progress.
+const NUM_STEPS: usize = 5;
+/// Least depth of the octree that is tried.
+const MIN_OCTREE_DEPTH: u32 = 6;
+/// Neighbors by which outliers are told.
+const NUM_NEIGHBORS: usize = 12;
+/// Standard deviations of the mean distance to neighbors above which a point is an outlier.
+const MAX_SIGMAS: f64 = 2.5;
+/// Least density of samples relative to the median.
+const MIN_DENSITY_RATIO: f64 = 0.1;
+/// Holes up to so many cells of the octree across are filled.
+const MAX_HOLE_CELLS: f64 = 12.0;
+/// Parts of less than so many cells across are crumbs.
+const MIN_PART_CELLS: f64 = 12.0;
+
+/// The mesh of a cloud with the content of `mesh.ply`, and whether it came from the cache.
+pub(crate) fn mesh(
+    cloud: &PointCloud,
+    spacing: Option<f64>,
+    cloud_key: &Key,
+    options: &MeshOptions,
+    cache: &Cache,
+    progress: &dyn Progress,
+) -> Result<(TriangleMesh, Vec<u8>, bool), PipelineError> {
+    let key = KeyMaker::new("mesh").with(cloud_key.as_bytes()).with_debug(options).key();
+    if let Some(ply) = cache.get(&key)
+        && let Ok(mesh) = read_ply_of_mesh(&ply)
+    {
+        return Ok((mesh, ply, true));
+    }
+    let ply = write_ply_of_mesh(&surface(cloud, spacing, options, progress)?);
+    cache.put(&key, &ply)?;
+    // As it comes from the cache: positions in 32 bits.
+    let mesh = read_ply_of_mesh(&ply)
+        .map_err(|e| PipelineError::plain(code::MESH_FAILED, e.to_string()))?;
+    Ok((mesh, ply, false))
+}
+
+fn surface(
+    cloud: &PointCloud,
+    spacing: Option<f64>,
+    options: &MeshOptions,
+    progress: &dyn Progress,
+) -> Result<TriangleMesh, PipelineError> {
+    let steps = Steps(progress);
+    steps.finished(0)?;
+    let points: Vec<Point3<f64>> = cloud.points.iter().map(|p| p.position.cast()).collect();
+    let inliers = statistical_inliers(&points, NUM_NEIGHBORS, MAX_SIGMAS).map_err(failure)?;
+    drop(points);
+    let kept = cloud.points.iter().zip(&inliers).filter(|(_, inlier)| **inlier);
+    let cleaned = PointCloud { points: kept.map(|(point, _)| *point).collect() };
+    steps.finished(1)?;
+    let extent = extent(&cleaned);
+    let depth = octree_depth(extent, spacing, options.max_octree_depth);
+    let cell = extent / f64::from(1_u32 << depth);
+    let poisson = PoissonOptions { depth, ..PoissonOptions::default() };
+    let surface = reconstruct_surface(&cleaned, &poisson, &steps).map_err(failure)?;
+    steps.finished(2)?;
+    let trimming = TrimOptions {
+        min_density_ratio: MIN_DENSITY_RATIO,
+        max_hole_area: (MAX_HOLE_CELLS * cell).powi(2),
+        min_component_area: (MIN_PART_CELLS * cell).powi(2),
+    };
+    let trimmed = trim(&surface, &trimming).mesh;
+    drop(surface);
+    steps.finished(3)?;
+    let mut mesh = decimate(&trimmed, options.max_triangles, &steps)?;
+    drop(trimmed);
+    steps.finished(4)?;
+    color_vertices(&mut mesh, &cleaned);
+    if mesh.triangles.is_empty() {
+        return Err(PipelineError::new(
+            code::EMPTY_MESH,
+            format!("{} points support no surface", cleaned.points.len()),
+            "show more of the surfaces, from several places",
+        ));
+    }
+    steps.finished(NUM_STEPS)?;
+    Ok(mesh)
+}
+
+/// The depth at which the finest cells are about as large as the distance between the points.
+fn octree_depth(extent: f64, spacing: Option<f64>, max_depth: u32) -> u32 {
+    let cells = extent / spacing.unwrap_or(0.0);
+    let depth =
+        if cells.is_finite() && cells > 1.0 { cells.log2().ceil() as u32 } else { max_depth };
+    depth.clamp(MIN_OCTREE_DEPTH.min(max_depth), max_depth)
+}
+
+/// Longest side of the box around the points.
+fn extent(cloud: &PointCloud) -> f64 {
+    let positions = || cloud.points.iter().map(|point| point.position.cast::<f64>());
+    let low = positions().fold(Point3::from([f64::INFINITY; 3]), |low, p| low.inf(&p));
+    let high = positions().fold(Point3::from([f64::NEG_INFINITY; 3]), |high, p| high.sup(&p));
+    if cloud.points.is_empty() { 0.0 } else { (high - low).max() }
+}
+
+fn failure(error: MeshingError) -> PipelineError {
+    match error {
+        MeshingError::Cancelled(cancelled) => cancelled.into(),
+        MeshingError::TooFewPoints { .. } | MeshingError::SamePlace => PipelineError::new(
+            code::TOO_FEW_POINTS,
+            error.to_string(),
+            "show more of the surfaces, from several places",
+        ),
+        _ => PipelineError::plain(code::MESH_FAILED, error.to_string()),
+    }
+}
+
+/// Tells the steps of the stage; those inside of a step are not told.
+struct Steps<'a>(&'a dyn Progress);
+
+impl Steps<'_> {
+    fn finished(&self, step: usize) -> Result<(), PipelineError> {
+        self.0.report(Stage::Meshing, step, NUM_STEPS);
+        Ok(self.0.check()?)
+    }
+}
+
+impl Progress for Steps<'_> {
+    fn report(&self, _stage: Stage, _done: usize, _total: usize) {}
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
+}

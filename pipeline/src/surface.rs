@@ -1,0 +1,99 @@
+//! What comes after the sparse map: the dense cloud, then the mesh. What fails here is told in the
+//! summary; the sparse map stays.
+
+use std::path::Path;
+
+use volery_formats::write_glb_of_mesh;
+use volery_scene::{EnvironmentMap, Progress};
+
+use crate::{
+    cache::{Cache, write_atomic},
+    clock::Stopwatch,
+    dense::{Dense, dense},
+    error::PipelineError,
+    export::write_info,
+    ingest::Ingested,
+    map_folder::{MapInfo, file},
+    mesh::mesh,
+    options::StageOptions,
+    spec::{JobSpec, StageGroup},
+    summary::{DenseSummary, MeshSummary, StageReport},
+};
+
+/// What was learned on the way.
+#[derive(Default)]
+pub(crate) struct SurfaceTrace {
+    pub(crate) dense: Option<DenseSummary>,
+    pub(crate) mesh: Option<MeshSummary>,
+    pub(crate) stages: Vec<StageReport>,
+}
+
+/// Adds the dense cloud and the mesh to the map folder, as far as the job asks for them and they
+/// can be made. Only a request to stop is an error.
+pub(crate) fn add_surface(
+    spec: &JobSpec,
+    ingested: &Ingested,
+    map: &EnvironmentMap,
+    info: &MapInfo,
+    options: &StageOptions,
+    [work_dir, out_dir]: [&Path; 2],
+    progress: &dyn Progress,
+) -> Result<SurfaceTrace, PipelineError> {
+    let mut trace = SurfaceTrace::default();
+    if !spec.runs(StageGroup::Dense) {
+        return Ok(trace);
+    }
+    let mut info = info.clone();
+    let watch = Stopwatch::start();
+    let made = Cache::open(work_dir, "dense").and_then(|cache| {
+        let units = Cache::open(work_dir, "depth_maps")?;
+        let dense = dense(spec, ingested, &map.model, options, [&cache, &units], progress)?;
+        write_atomic(&out_dir.join(file::DENSE), &dense.ply)?;
+        info.num_dense_points = Some(dense.cloud.points.len());
+        write_info(&info, out_dir)?;
+        Ok(dense)
+    });
+    let dense = match made {
+        Ok(dense) => dense,
+        Err(error) if error.is_cancelled() => return Err(error),
+        Err(error) => {
+            trace.dense = Some(DenseSummary { error: Some(error), ..DenseSummary::default() });
+            return Ok(trace);
+        }
+    };
+    let units = dense.summary.num_depth_maps;
+    trace.stages.push(watch.stage("dense", units, usize::from(dense.cached) * units));
+    trace.dense = Some(dense.summary.clone());
+    if !spec.runs(StageGroup::Mesh) {
+        return Ok(trace);
+    }
+
+    let watch = Stopwatch::start();
+    let made = add_mesh(&dense, map, &mut info, options, [work_dir, out_dir], progress);
+    let (summary, cached) = match made {
+        Ok(made) => made,
+        Err(error) if error.is_cancelled() => return Err(error),
+        Err(error) => (MeshSummary { error: Some(error), ..MeshSummary::default() }, false),
+    };
+    trace.stages.push(watch.stage("mesh", 1, usize::from(cached)));
+    trace.mesh = Some(summary);
+    Ok(trace)
+}
+
+fn add_mesh(
+    dense: &Dense,
+    map: &EnvironmentMap,
+    info: &mut MapInfo,
+    options: &StageOptions,
+    [work_dir, out_dir]: [&Path; 2],
+    progress: &dyn Progress,
+) -> Result<(MeshSummary, bool), PipelineError> {
+    let cache = Cache::open(work_dir, "mesh")?;
+    let (mesh, ply, cached) =
+        mesh(&dense.cloud, dense.summary.spacing, &dense.key, &options.mesh, &cache, progress)?;
+    write_atomic(&out_dir.join(file::MESH), &ply)?;
+    write_atomic(&out_dir.join(file::GLB), &write_glb_of_mesh(&mesh, map.scale.metric))?;
+    info.num_triangles = Some(mesh.triangles.len());
+    write_info(info, out_dir)?;
+    Ok((MeshSummary::of(&mesh), cached))
+}
