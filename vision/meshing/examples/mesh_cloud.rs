@@ -8,6 +8,8 @@
 //! * `--photos FOLDER`, `--model FOLDER`: a texture from photos with poses, those of COLMAP's
 //!   `cameras.txt`, `images.txt` and `points3D.txt`; `OUT` must be a GLB.
 //! * `--side N`: longest side of the texture.
+//! * `--depths FOLDER`: depth maps as `dense_folder` writes them, for the images of `--model`: what
+//!   their lines of sight do not end at is cut off.
 //!
 //! Prints seconds per step and the figures of the mesh.
 
@@ -19,12 +21,14 @@ use volery_formats::{
     ColmapFiles, DecodeLimits, decode_image, read_ply, write_glb_of_mesh,
     write_glb_of_textured_mesh, write_ply_of_mesh,
 };
+use volery_geometry::{Camera, CameraModel};
 use volery_meshing::{
-    PoissonOptions, TextureOptions, TrimOptions, color_vertices, decimate, reconstruct_surface,
-    texture_mesh, trim,
+    PoissonOptions, SightVotes, TextureOptions, TrimOptions, color_vertices, decimate,
+    reconstruct_surface, texture_mesh, trim,
 };
 use volery_scene::{
-    ImageId, NoProgress, OrientedPoint, Photo, Photos, PointCloud, SparseModel, TriangleMesh,
+    DepthMap, ImageId, NoProgress, OrientedPoint, Photo, Photos, PointCloud, SparseModel,
+    TriangleMesh,
 };
 
 const JPEG_QUALITY: u8 = 85;
@@ -41,6 +45,7 @@ struct Arguments {
     photos: Option<PathBuf>,
     model: Option<PathBuf>,
     texture: TextureOptions,
+    depths: Option<PathBuf>,
 }
 
 struct Folder<'a> {
@@ -56,6 +61,27 @@ impl Photos for Folder<'_> {
         let colors = rgb.map(|rgb| rgb.as_chunks::<3>().0.to_vec());
         Some(Photo { gray: decoded.gray, colors })
     }
+}
+
+/// Lets the depth maps of a folder vote, one after the other.
+fn votes(mesh: &TriangleMesh, model: &SparseModel, folder: &Path) -> Result<SightVotes, Error> {
+    let mut votes = SightVotes::new(mesh.vertices.len());
+    for (&id, image) in &model.images {
+        let bytes = std::fs::read(folder.join(Path::new(&image.name).with_extension("depth")))?;
+        let word = |i: usize| <[u8; 4]>::try_from(&bytes[4 * i..4 * i + 4]);
+        let [width, height] = [u32::from_le_bytes(word(0)?), u32::from_le_bytes(word(1)?)];
+        let camera = &model.cameras[&image.camera];
+        let scale = f64::from(width) / f64::from(camera.width);
+        let (f, c) = (camera.focal() * scale, camera.principal_point() * scale);
+        let camera = Camera::new(CameraModel::Pinhole, width, height, &[f.x, f.y, c.x, c.y])?;
+        let mut map = DepthMap::empty(id, camera, image.cam_from_world);
+        for i in 0..map.depth.len() {
+            map.depth[i] = f32::from_le_bytes(word(2 + i)?);
+            map.inferred[i] = bytes[8 + 5 * map.depth.len() + i] != 0;
+        }
+        votes.add(&mesh.vertices, &map);
+    }
+    Ok(votes)
 }
 
 fn read_model(folder: &Path) -> Result<SparseModel, Error> {
@@ -81,6 +107,7 @@ fn arguments() -> Result<Arguments, Error> {
             "--triangles" => found.num_triangles = Some(value()?.parse()?),
             "--color" => found.color = true,
             "--photos" => found.photos = Some(value()?.into()),
+            "--depths" => found.depths = Some(value()?.into()),
             "--model" => found.model = Some(value()?.into()),
             "--side" => found.texture.max_side = value()?.parse()?,
             "--trim" => {
@@ -135,6 +162,12 @@ fn main() -> Result<(), Error> {
     let start = Instant::now();
     let mut surface = reconstruct_surface(&cloud, &arguments.poisson, &NoProgress)?;
     tell("surface", start, &surface.mesh);
+    if let (Some(depths), Some(model)) = (&arguments.depths, &arguments.model) {
+        let start = Instant::now();
+        let votes = votes(&surface.mesh, &read_model(model)?, depths)?;
+        votes.discredit_unseen(&mut surface);
+        tell("looked at", start, &surface.mesh);
+    }
     if let Some(options) = &arguments.trim {
         let start = Instant::now();
         surface = trim(&surface, options);

@@ -7,6 +7,7 @@ mod error;
 mod fans;
 pub mod normals;
 pub mod poisson;
+pub mod sight;
 pub mod texture;
 pub mod trim;
 
@@ -15,6 +16,7 @@ pub use decimation::decimate;
 pub use error::MeshingError;
 pub use normals::{estimate_normals, statistical_inliers};
 pub use poisson::{PoissonOptions, Surface, reconstruct_surface};
+pub use sight::SightVotes;
 pub use texture::{TextureOptions, texture_mesh};
 pub use trim::{TrimOptions, trim};
 
