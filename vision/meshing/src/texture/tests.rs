@@ -1,7 +1,7 @@
 //! A room whose walls have a known color everywhere.
 
-use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Mutex;
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use volery_geometry::{Camera, CameraModel, Rng};
@@ -117,7 +117,7 @@ struct Scan {
     world: World,
     model: SparseModel,
     gains: Vec<f64>,
-    asked: RefCell<BTreeMap<ImageId, u32>>,
+    asked: Mutex<BTreeMap<ImageId, u32>>,
 }
 
 impl Scan {
@@ -151,7 +151,7 @@ impl Scan {
                 gains.push(random.range(1.0 - gain, 1.0 + gain));
             }
         }
-        Self { world, model, gains, asked: RefCell::default() }
+        Self { world, model, gains, asked: Mutex::default() }
     }
 
     fn texture(&self, mesh: &TriangleMesh) -> TexturedMesh {
@@ -161,7 +161,7 @@ impl Scan {
 
 impl Photos for Scan {
     fn photo(&self, image: ImageId) -> Option<Photo> {
-        *self.asked.borrow_mut().entry(image).or_default() += 1;
+        *self.asked.lock().unwrap().entry(image).or_default() += 1;
         let camera = &self.model.cameras[&CameraId(0)];
         let registered = &self.model.images[&image];
         let (eye, world_from_cam) =
@@ -228,7 +228,7 @@ fn walls_have_their_colors() {
     // Half of the gray levels of rounding, and the bend of a wave within a texel of 3 cm.
     let [median, p99] = [0.5, 0.99].map(|q| quantile(errors.clone(), q));
     assert!(median < 1.0 && p99 < 5.0, "{median} {p99}");
-    assert!(scan.asked.borrow().values().all(|&count| count == 1));
+    assert!(scan.asked.lock().unwrap().values().all(|&count| count == 1));
 }
 
 /// A pixel of 160 x 120 covers 3 cm: large triangles must not bend the picture.
