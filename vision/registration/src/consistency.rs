@@ -7,9 +7,9 @@ use volery_geometry::isometry_from_points;
 use crate::surfels::Surfel;
 
 /// Transforms that are returned.
-const MAX_HYPOTHESES: usize = 40;
+const MAX_HYPOTHESES: usize = 150;
 /// Correspondences from which transforms are grown.
-const MAX_SEEDS: usize = 150;
+const MAX_SEEDS: usize = 400;
 /// Fewest correspondences behind a transform.
 const MIN_SUPPORT: usize = 6;
 /// Normals of correspondences may differ by this much, cosine.

@@ -17,12 +17,14 @@ const SLACK: f64 = 3.5;
 /// A first alignment by landmarks is off by up to this, in slacks.
 const REACH: f64 = 2.0;
 /// First alignments that are followed up.
-const MAX_FOLLOWED: usize = 5;
+const MAX_FOLLOWED: usize = 6;
 /// A first alignment blurs what agrees: half the overlap and twice the contradiction are let pass.
 const FIRST_FRACTION: f64 = 0.05;
 const FIRST_CONTRADICTION: f64 = 0.15;
-/// A second transform with this share of the overlap of the best one is as good.
-const RIVAL: f64 = 0.7;
+/// A second transform with this share of the overlap of the best one is as good, ...
+const RIVAL: f64 = 0.85;
+/// ... unless the surfaces are farther apart by this factor: the search got stuck beside the best.
+const STUCK: f64 = 1.3;
 /// Transforms that differ by more are two: cells, radians.
 const DIFFERENT: (f64, f64) = (4.0, 0.05);
 
@@ -52,7 +54,7 @@ pub fn register_from(
     options: &NearbyOptions,
 ) -> Result<Registration, RegistrationError> {
     let icp = register_nearby(source.surfels(), target.surfels(), start, options)?;
-    let overlap = Overlap::new(source, target, &icp.target_from_source, 0.0);
+    let overlap = Overlap::new(source, target, &icp.target_from_source);
     if !overlap.is_proof() {
         return Err(no_overlap(&overlap));
     }
@@ -97,16 +99,21 @@ pub fn register_anywhere(
             Err(_) => {}
         }
     }
-    proved.sort_by(|a, b| b.overlap.fraction.total_cmp(&a.overlap.fraction));
+    let fit = |found: &Registration| found.overlap.fraction / found.overlap.rms;
+    proved.sort_by(|a, b| fit(b).total_cmp(&fit(a)));
     let mut proved = proved.into_iter();
     let best = proved.next().ok_or(refusal)?;
     match proved.next() {
-        Some(second) if second.overlap.fraction > RIVAL * best.overlap.fraction => {
+        Some(second) if is_rival(&second.overlap, &best.overlap) => {
             let (distance, angle) = difference(&best, &second, &source.surfels().center());
             Err(RegistrationError::Ambiguous { distance, angle_deg: angle.to_degrees() })
         }
         _ => Ok(best),
     }
+}
+
+fn is_rival(second: &Overlap, best: &Overlap) -> bool {
+    second.fraction > RIVAL * best.fraction && second.rms < STUCK * best.rms
 }
 
 const NOTHING: Overlap = Overlap { fraction: 0.0, rms: 0.0, contradiction: 0.0 };
@@ -144,7 +151,7 @@ fn first_alignments(source: &Zone, target: &Zone) -> Vec<(Similarity3<f64>, Over
         .into_iter()
         .map(|hypothesis| {
             let start = Similarity3::from_isometry(hypothesis.target_from_source, 1.0);
-            (start, Overlap::new(source, target, &start, slack))
+            (start, Overlap::glance(source, target, &start, slack))
         })
         .collect();
     let merit =

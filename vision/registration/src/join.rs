@@ -121,7 +121,7 @@ fn close_loops(
         }
         let start = a.frame_from_zone.inverse() * b.frame_from_zone;
         let slack = SLACK * zones[target].surfels().cell();
-        let expected = Overlap::new(&zones[source], &zones[target], &start, slack);
+        let expected = Overlap::glance(&zones[source], &zones[target], &start, slack);
         if expected.fraction < MIN_EXPECTED_OVERLAP {
             continue;
         }
@@ -142,7 +142,7 @@ fn settle(zones: &[Zone], pairs: &mut [PairReport]) -> Vec<Placement> {
             let slack = SLACK * zones[target].surfels().cell();
             a.reference == b.reference && {
                 let motion = a.frame_from_zone.inverse() * b.frame_from_zone;
-                let overlap = Overlap::new(&zones[source], &zones[target], &motion, slack);
+                let overlap = Overlap::glance(&zones[source], &zones[target], &motion, slack);
                 // Little overlap has little to say.
                 overlap.is_contradicted() && overlap.fraction > MIN_EXPECTED_OVERLAP
             }

@@ -12,7 +12,7 @@ const SPACING: f64 = 2.4;
 /// Radius of the surface that describes a place, cells.
 const RADIUS: f64 = 12.0;
 /// Places that are kept.
-const MAX_LANDMARKS: usize = 1500;
+const MAX_LANDMARKS: usize = 2500;
 /// Bins per angle.
 const BINS: usize = 11;
 /// Three angles.

@@ -4,8 +4,10 @@ use nalgebra::Similarity3;
 
 use crate::zone::Zone;
 
-/// Pieces of each zone that are asked.
-const MAX_ASKED: usize = 2500;
+/// Pieces of each zone that are asked for a proof.
+const ASKED: usize = 2500;
+/// Pieces that tell whether a transform is worth a closer look.
+const GLANCED: usize = 500;
 /// A piece agrees with one of the other zone that is as near as this, cells, ...
 const NEAR: f64 = 1.5;
 /// ... and whose normal is turned by less than 45°.
@@ -27,17 +29,31 @@ pub struct Overlap {
 
 impl Overlap {
     /// Of `source`, moved by `target_from_source`, with `target`.
-    ///
-    /// * `slack`: errors that the transform is allowed to have, units of the target.
-    pub fn new(
+    pub fn new(source: &Zone, target: &Zone, target_from_source: &Similarity3<f64>) -> Self {
+        Self::of_some(source, target, target_from_source, 0.0, ASKED)
+    }
+
+    /// The same from few pieces, with a transform that is off by up to `slack`, units of the
+    /// target.
+    pub(crate) fn glance(
         source: &Zone,
         target: &Zone,
         target_from_source: &Similarity3<f64>,
         slack: f64,
     ) -> Self {
-        let there = ask(source, target, target_from_source, slack);
+        Self::of_some(source, target, target_from_source, slack, GLANCED)
+    }
+
+    fn of_some(
+        source: &Zone,
+        target: &Zone,
+        target_from_source: &Similarity3<f64>,
+        slack: f64,
+        num: usize,
+    ) -> Self {
         let scale = target_from_source.scaling();
-        let back = ask(target, source, &target_from_source.inverse(), slack / scale);
+        let there = ask(source, target, target_from_source, slack, num);
+        let back = ask(target, source, &target_from_source.inverse(), slack / scale, num);
         let share = |count: &Count| count.agree as f64 / count.asked.max(1) as f64;
         let agree = there.agree + back.agree;
         let contradict = there.contradict + back.contradict;
@@ -77,12 +93,19 @@ struct Count {
     squared: f64,
 }
 
-fn ask(asked: &Zone, other: &Zone, other_from_asked: &Similarity3<f64>, slack: f64) -> Count {
+/// What `num` pieces of a zone meet in the other one.
+fn ask(
+    asked: &Zone,
+    other: &Zone,
+    other_from_asked: &Similarity3<f64>,
+    slack: f64,
+    num: usize,
+) -> Count {
     let mut count = Count { asked: 0, agree: 0, contradict: 0, squared: 0.0 };
     let surfels = other.surfels();
     let (near, behind) = (NEAR * surfels.cell() + slack, BEHIND * surfels.cell() + slack);
     let pieces = asked.surfels().pieces();
-    for piece in pieces.iter().step_by(pieces.len().div_ceil(MAX_ASKED).max(1)) {
+    for piece in pieces.iter().step_by(pieces.len().div_ceil(num).max(1)) {
         count.asked += 1;
         let at = other_from_asked * piece.position;
         let normal = other_from_asked.isometry.rotation * piece.normal;
