@@ -1,21 +1,24 @@
 //! How far the poses and points of a map are off, by the residuals of its adjustment.
 
-mod modes;
+mod gauge;
+mod jackknife;
 mod reduced;
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Matrix6, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix3, Point3, Vector2, Vector6};
+use volery_geometry::median;
 use volery_scene::{ImageId, Observation, Point3d, PointId, SparseModel};
 
 use crate::jacobians::{Linearized, linearize};
-use reduced::ReducedSystem;
 
 /// No detector is finer, pixels per coordinate.
 const MIN_SIGMA_PX: f64 = 0.1;
 
-/// Beyond so many images the dense system takes too much memory: their poses count as exact.
-const MAX_IMAGES: usize = 700;
+/// Scale of Cauchy's loss with which maps are adjusted, in medians of the residuals.
+const LOSS_MEDIANS: f64 = 2.0;
+/// Pull at the poses below which a map counts as adjusted with that loss.
+const AT_REST: f64 = 0.1;
 
 /// Noise of a map, in the gauge in which its camera centers fit the truth best.
 pub(crate) struct MapNoise {
@@ -28,15 +31,10 @@ pub(crate) struct MapNoise {
     pub(crate) unit_covariances: BTreeMap<PointId, Matrix3<f64>>,
 }
 
-/// The covariance of the left perturbations of two poses is `Σ_ab = Lₐ L_bᵀ`, and for one pose
-/// `Σ_aa = Lₐ Lₐᵀ + Oₐ`.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct PoseNoise {
-    /// Columns of L.
-    pub(crate) shared: Vec<Vector6<f32>>,
-    /// O.
-    pub(crate) own: Matrix6<f32>,
-}
+/// Columns of L, where the covariance of the left perturbations of two poses is `Σ_ab = Lₐ L_bᵀ`;
+/// none for a pose that counts as exact.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct PoseNoise(pub(crate) Vec<Vector6<f32>>);
 
 /// A sighting, linearized.
 struct Sighting {
@@ -51,27 +49,15 @@ impl MapNoise {
     pub(crate) fn of(model: &SparseModel) -> Self {
         let tracks = tracks(model);
         let sigma_px = keypoint_sigma_px(&tracks, model.images.len());
-
-        let num_images = if model.images.len() <= MAX_IMAGES { model.images.len() } else { 0 };
-        let mut reduced = ReducedSystem::new(num_images);
-        let mut unit_covariances = BTreeMap::new();
-        for track in &tracks {
-            if num_images > 0 {
-                reduced.add(&track.sightings, &track.covariance);
-            }
-            unit_covariances.insert(track.point, track.covariance);
-        }
-        let poses = modes::pose_noise(model, reduced, sigma_px);
+        let unit_covariances =
+            tracks.iter().map(|track| (track.point, track.unit_covariance)).collect();
+        let poses = jackknife::pose_noise(model, &tracks);
         Self { sigma_px, poses, unit_covariances }
     }
 }
 
 /// Standard deviation of a keypoint per coordinate, by the squares of the residuals and their
 /// redundancy: what went into the points and the poses the residuals no longer show.
-///
-/// The adjustment's loss holds the large ones down and so errs less than least squares would by the
-/// same residuals. That gain is not claimed: it would be right if keypoints erred one by one, but
-/// those of a region, and of one track, err together.
 fn keypoint_sigma_px(tracks: &[Track], num_images: usize) -> f64 {
     let sightings = tracks.iter().flat_map(|track| &track.sightings);
     let squares: f64 = sightings.clone().map(|s| s.residual.norm_squared()).sum();
@@ -80,13 +66,65 @@ fn keypoint_sigma_px(tracks: &[Track], num_images: usize) -> f64 {
     (squares / (measured - unknowns).max(1.0)).sqrt().max(MIN_SIGMA_PX)
 }
 
+/// Cauchy's loss, c²/2 ln(1 + r²/c²).
+#[derive(Clone, Copy)]
+struct Loss {
+    /// c², infinite for squares.
+    squared_scale: f64,
+    /// Share that counts of the negative curvature of sightings beyond the scale.
+    concave: f64,
+}
+
+impl Loss {
+    /// The loss under which the map is at rest, as it is and then less and less concave: a map whose
+    /// adjustment was broken off is at no minimum of the first. None if its poses were given, not fitted
+    /// to the sightings.
+    fn shapes(tracks: &[Track]) -> impl Iterator<Item = Self> {
+        let sightings = || tracks.iter().flat_map(|track| &track.sightings);
+        let mut residuals: Vec<f64> = sightings().map(|s| s.residual.norm()).collect();
+        let scale = (LOSS_MEDIANS * median(&mut residuals).unwrap_or(1.0)).max(MIN_SIGMA_PX);
+        let [narrow, squares] =
+            [scale * scale, f64::INFINITY].map(|c| Self { squared_scale: c, concave: 1.0 });
+        let losses = [narrow, squares].map(|loss| (loss.unrest(tracks), loss));
+        let at_rest = losses.into_iter().filter(|(unrest, _)| *unrest < AT_REST);
+        let loss = at_rest.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, loss)| loss);
+        let shapes = |loss| [1.0, 0.9, 0.5, 0.0].map(|concave| Self { concave, ..loss });
+        loss.map(shapes).into_iter().flatten()
+    }
+
+    /// What pulls at the poses altogether, against the pulls one by one: 0 at rest, 1 or more for poses
+    /// that were not fitted to the sightings.
+    fn unrest(&self, tracks: &[Track]) -> f64 {
+        let mut pulls: BTreeMap<usize, Vector6<f64>> = BTreeMap::new();
+        let mut one_by_one = 0.0;
+        for sighting in tracks.iter().flat_map(|track| &track.sightings) {
+            let pull = sighting.at.by_pose.tr_mul(&self.derivatives(&sighting.residual).0);
+            one_by_one += pull.norm_squared();
+            *pulls.entry(sighting.image).or_default() += pull;
+        }
+        let together: f64 = pulls.values().map(|pull| pull.norm_squared()).sum();
+        together / one_by_one.max(f64::MIN_POSITIVE)
+    }
+
+    /// Derivative ψ by the residual, and the second derivative: `w I − 2 w² r rᵀ / c²`.
+    fn derivatives(&self, r: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let squared = r.norm_squared();
+        let weight = 1.0 / (1.0 + squared / self.squared_scale);
+        let along = 2.0 * weight * weight / self.squared_scale;
+        let excess = (along - weight / squared.max(f64::MIN_POSITIVE)).max(0.0);
+        let along = along - (1.0 - self.concave) * excess;
+        (r * weight, Matrix2::identity() * weight - r * r.transpose() * along)
+    }
+}
+
 /// A point with all that sees it.
 struct Track {
     point: PointId,
+    position: Point3<f64>,
     /// In the order of the images.
     sightings: Vec<Sighting>,
     /// `(Σ JᵀJ)⁻¹`
-    covariance: Matrix3<f64>,
+    unit_covariance: Matrix3<f64>,
 }
 
 /// Points that their rays determine.
@@ -105,9 +143,14 @@ fn tracks(model: &SparseModel) -> Vec<Track> {
         sightings.sort_by_key(|s| s.image);
         let information: Matrix3<f64> =
             sightings.iter().map(|s| s.at.by_point.tr_mul(&s.at.by_point)).sum();
-        let covariance = information.cholesky()?.inverse();
-        let is_determined = sightings.len() >= 2 && covariance.iter().all(|v| v.is_finite());
-        is_determined.then_some(Track { point: id, sightings, covariance })
+        let unit_covariance = information.cholesky()?.inverse();
+        let is_determined = sightings.len() >= 2 && unit_covariance.iter().all(|v| v.is_finite());
+        is_determined.then_some(Track {
+            point: id,
+            position: point.position,
+            sightings,
+            unit_covariance,
+        })
     };
     model.points.iter().filter_map(track).collect()
 }

@@ -24,20 +24,15 @@ pub(crate) fn map_share(
     pose: &WeightedPose,
 ) -> Matrix6<f64> {
     let followed = following(index, sights, camera, pose);
-    let mut covariance = Matrix6::zeros();
-    let mut shared: Vec<Vector6<f64>> = Vec::new();
+    let mut modes: Vec<Vector6<f64>> = Vec::new();
     for (&image, m) in &followed {
         let noise = &index.images[image as usize].noise;
-        shared.resize(noise.shared.len(), Vector6::zeros());
-        for (sum, mode) in shared.iter_mut().zip(&noise.shared) {
+        modes.resize(noise.0.len(), Vector6::zeros());
+        for (sum, mode) in modes.iter_mut().zip(&noise.0) {
             *sum += m * mode.map(f64::from);
         }
-        covariance += m * noise.own.map(f64::from) * m.transpose();
     }
-    for mode in &shared {
-        covariance += mode * mode.transpose();
-    }
-    covariance
+    modes.iter().map(|mode| mode * mode.transpose()).sum()
 }
 
 /// M per image.

@@ -1,8 +1,6 @@
 //! The index as bytes: little endian, kind and version, points, images.
 
-use nalgebra::{
-    Isometry3, Matrix3, Matrix6, Point3, Quaternion, Translation3, UnitQuaternion, Vector6,
-};
+use nalgebra::{Isometry3, Matrix3, Point3, Quaternion, Translation3, UnitQuaternion, Vector6};
 use volery_features::GlobalDescriptor;
 use volery_geometry::{Camera, CameraModel};
 use volery_scene::{DESCRIPTOR_LEN, Descriptor};
@@ -11,14 +9,14 @@ use super::{IndexError, LocalizationIndex, MapImage, MapPoint};
 use crate::bytes::ByteReader;
 use crate::map_noise::PoseNoise;
 
-const KIND: &[u8; 8] = b"VLRYLOC2";
+const KIND: &[u8; 8] = b"VLRYLOC3";
 
 /// Position and the upper triangle of the covariance.
 const POINT_BYTES: usize = 3 * 8 + 6 * 4;
 /// Model, size and count of the parameters.
 const MIN_CAMERA_BYTES: usize = 4 * 4;
-/// Pose, camera, own noise, and the counts of its modes, global descriptor and rows.
-const MIN_IMAGE_BYTES: usize = 7 * 8 + 4 + 36 * 4 + 3 * 4;
+/// Pose, camera, and the counts of its modes, global descriptor and rows.
+const MIN_IMAGE_BYTES: usize = 7 * 8 + 4 + 3 * 4;
 const ROW_BYTES: usize = 4 + DESCRIPTOR_LEN;
 
 const UPPER_TRIANGLE: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
@@ -49,10 +47,9 @@ pub(super) fn to_bytes(index: &LocalizationIndex) -> Vec<u8> {
         let numbers = pose.rotation.coords.iter().chain(pose.translation.vector.iter());
         bytes.extend(numbers.flat_map(|v| v.to_le_bytes()));
         bytes.extend(image.camera.to_le_bytes());
-        bytes.extend(image.noise.own.iter().flat_map(|v| v.to_le_bytes()));
-        bytes.extend((image.noise.shared.len() as u32).to_le_bytes());
-        bytes
-            .extend(image.noise.shared.iter().flat_map(|m| m.iter()).flat_map(|v| v.to_le_bytes()));
+        bytes.extend((image.noise.0.len() as u32).to_le_bytes());
+        let modes = image.noise.0.iter().flat_map(|mode| mode.iter());
+        bytes.extend(modes.flat_map(|v| v.to_le_bytes()));
         bytes.extend((image.global.0.len() as u32).to_le_bytes());
         bytes.extend(image.global.0.iter().flat_map(|v| v.to_le_bytes()));
         bytes.extend((image.points.len() as u32).to_le_bytes());
@@ -127,12 +124,8 @@ fn read_image(
     if camera as usize >= num_cameras {
         return Err(reader.damaged());
     }
-    let mut own = Matrix6::zeros();
-    for value in own.iter_mut() {
-        *value = reader.f32()?;
-    }
-    let mut shared = vec![Vector6::zeros(); reader.count(6 * 4)?];
-    for value in shared.iter_mut().flat_map(|mode| mode.iter_mut()) {
+    let mut modes = vec![Vector6::zeros(); reader.count(6 * 4)?];
+    for value in modes.iter_mut().flat_map(|mode| mode.iter_mut()) {
         *value = reader.f32()?;
     }
     let mut global = vec![0.0; reader.count(4)?];
@@ -151,12 +144,5 @@ fn read_image(
     let (rows, _) = reader.take(num_rows * DESCRIPTOR_LEN)?.as_chunks::<DESCRIPTOR_LEN>();
     let descriptors: Vec<Descriptor> = rows.to_vec();
     let pose = Isometry3::from_parts(translation, rotation);
-    Ok(MapImage::new(
-        pose,
-        camera,
-        PoseNoise { shared, own },
-        GlobalDescriptor(global),
-        points,
-        descriptors,
-    ))
+    Ok(MapImage::new(pose, camera, PoseNoise(modes), GlobalDescriptor(global), points, descriptors))
 }
