@@ -97,8 +97,8 @@ const DIMENSIONS: f64 = 6.0;
 
 /// All photos of one map share its errors, so that a hall says less than as many independent draws:
 /// its errors may be up to 1.25 times what is claimed, or 1.5 times smaller, and 85 % of them must
-/// lie below the bound. `VOLERY_LONG=1` asks four halls together for 90 % and a factor of 1.25, which
-/// does not hold yet: errors are smaller than that (`docs/decisions/0006-covariance-of-a-pose.md`).
+/// lie below the bound. `VOLERY_LONG=1` asks four halls together for 90 % and a factor of 1.25
+/// (`docs/decisions/0006-covariance-of-a-pose.md`).
 #[test]
 fn poses_err_as_their_covariance_says() {
     let is_long = std::env::var_os("VOLERY_LONG").is_some();
