@@ -1,13 +1,14 @@
 //! After the sparse map: its images to a dense cloud.
 
 use serde::{Deserialize, Serialize};
-use volery_formats::{DecodeLimits, decode_image, read_ply_of_cloud, write_ply_of_cloud};
+use volery_formats::{read_ply_of_cloud, write_ply_of_cloud};
 use volery_mvs::{Dense as Made, DenseError, Item, NotKept, Shelf, reconstruct_dense};
-use volery_scene::{ImageId, Photo, Photos, PointCloud, Progress, SparseModel};
+use volery_scene::{ImageId, PointCloud, Progress, SparseModel};
 
 use crate::{
     cache::{Cache, Key, KeyMaker},
     error::{PipelineError, code},
+    files::Files,
     ingest::Ingested,
     options::StageOptions,
     spec::JobSpec,
@@ -156,22 +157,5 @@ impl Shelf for UnitShelf<'_> {
 
     fn forget(&self, image: ImageId, item: Item) {
         self.cache.forget(&self.unit(image, item));
-    }
-}
-
-/// The photos of the job.
-struct Files<'a> {
-    spec: &'a JobSpec,
-    ingested: &'a Ingested,
-}
-
-impl Photos for Files<'_> {
-    fn photo(&self, image: ImageId) -> Option<Photo> {
-        let usable = self.ingested.usable.get(image.0 as usize)?;
-        let bytes = std::fs::read(&self.spec.images[usable.input].path).ok()?;
-        let decoded = decode_image(&bytes, &DecodeLimits::default()).ok()?;
-        let rgb = decoded.color.as_ref().map(|color| color.to_rgb());
-        let colors = rgb.map(|rgb| rgb.as_chunks::<3>().0.to_vec());
-        Some(Photo { gray: decoded.gray, colors })
     }
 }

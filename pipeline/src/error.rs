@@ -41,6 +41,8 @@ pub mod code {
     pub const EMPTY_MESH: &str = "empty_mesh";
     /// The surface could not be made for another reason.
     pub const MESH_FAILED: &str = "mesh_failed";
+    /// The surface is there, but not painted.
+    pub const TEXTURE_FAILED: &str = "texture_failed";
     /// Asked to stop.
     pub const CANCELLED: &str = "cancelled";
     /// A file could not be read or written.

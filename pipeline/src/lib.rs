@@ -9,6 +9,7 @@ mod cameras;
 mod clock;
 mod dense;
 mod export;
+mod files;
 mod heading;
 mod ingest;
 mod mapping;

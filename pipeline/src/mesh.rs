@@ -1,12 +1,12 @@
 //! The last stage: a dense cloud to a colored mesh.
 
 use nalgebra::Point3;
-use volery_formats::{read_ply_of_mesh, write_ply_of_mesh};
+use volery_formats::{read_ply_of_mesh, write_glb_of_textured_mesh, write_ply_of_mesh};
 use volery_meshing::{
     MeshingError, PoissonOptions, TrimOptions, color_vertices, decimate, reconstruct_surface,
-    statistical_inliers, trim,
+    statistical_inliers, texture_mesh, trim,
 };
-use volery_scene::{PointCloud, Progress, Stage, TriangleMesh};
+use volery_scene::{EnvironmentMap, Photos, PointCloud, Progress, Stage, TriangleMesh};
 
 use crate::{
     cache::{Cache, Key, KeyMaker},
@@ -16,6 +16,8 @@ use crate::{
 
 /// Steps that are told as progress.
 const NUM_STEPS: usize = 5;
+/// Of the texture.
+const JPEG_QUALITY: u8 = 85;
 /// Least depth of the octree that is tried.
 const MIN_OCTREE_DEPTH: u32 = 6;
 /// Neighbors by which outliers are told.
@@ -29,7 +31,18 @@ const MAX_HOLE_CELLS: f64 = 12.0;
 /// Parts of less than so many cells across are crumbs.
 const MIN_PART_CELLS: f64 = 12.0;
 
-/// The mesh of a cloud with the content of `mesh.ply`, and whether it came from the cache.
+/// A mesh with its files.
+pub(crate) struct Mesh {
+    pub(crate) mesh: TriangleMesh,
+    /// The content of `mesh.ply`.
+    pub(crate) ply: Vec<u8>,
+    /// Hash of what it was made from.
+    pub(crate) key: Key,
+    /// Whether it came from the cache.
+    pub(crate) cached: bool,
+}
+
+/// The mesh of a cloud whose points are `spacing` apart.
 pub(crate) fn mesh(
     cloud: &PointCloud,
     spacing: Option<f64>,
@@ -37,19 +50,46 @@ pub(crate) fn mesh(
     options: &MeshOptions,
     cache: &Cache,
     progress: &dyn Progress,
-) -> Result<(TriangleMesh, Vec<u8>, bool), PipelineError> {
+) -> Result<Mesh, PipelineError> {
     let key = KeyMaker::new("mesh").with(cloud_key.as_bytes()).with_debug(options).key();
     if let Some(ply) = cache.get(&key)
         && let Ok(mesh) = read_ply_of_mesh(&ply)
     {
-        return Ok((mesh, ply, true));
+        return Ok(Mesh { mesh, ply, key, cached: true });
     }
     let ply = write_ply_of_mesh(&surface(cloud, spacing, options, progress)?);
     cache.put(&key, &ply)?;
     // As it comes from the cache: positions in 32 bits.
     let mesh = read_ply_of_mesh(&ply)
         .map_err(|e| PipelineError::plain(code::MESH_FAILED, e.to_string()))?;
-    Ok((mesh, ply, false))
+    Ok(Mesh { mesh, ply, key, cached: false })
+}
+
+/// The content of `map.glb`: the mesh painted with the photos.
+pub(crate) fn textured_glb(
+    made: &Mesh,
+    map: &EnvironmentMap,
+    photos: &dyn Photos,
+    options: &MeshOptions,
+    cache: &Cache,
+    progress: &dyn Progress,
+) -> Result<Vec<u8>, PipelineError> {
+    let key = KeyMaker::new("texture")
+        .with(made.key.as_bytes())
+        .with_debug(&(options.texture, JPEG_QUALITY, map.scale.metric))
+        .key();
+    if let Some(glb) = cache.get(&key) {
+        return Ok(glb);
+    }
+    let textured = texture_mesh(&made.mesh, &map.model, photos, &options.texture, progress);
+    let textured = textured.map_err(|error| match error {
+        MeshingError::Cancelled(cancelled) => cancelled.into(),
+        _ => PipelineError::plain(code::TEXTURE_FAILED, error.to_string()),
+    })?;
+    let glb = write_glb_of_textured_mesh(&textured, map.scale.metric, JPEG_QUALITY)
+        .map_err(|e| PipelineError::plain(code::TEXTURE_FAILED, e.to_string()))?;
+    cache.put(&key, &glb)?;
+    Ok(glb)
 }
 
 fn surface(

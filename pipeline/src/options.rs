@@ -2,6 +2,7 @@
 
 use volery_estimation::TwoViewOptions;
 use volery_features::{MatchOptions, SiftOptions};
+use volery_meshing::TextureOptions;
 use volery_mvs::DenseOptions;
 use volery_sfm::{MapperOptions, PairOptions};
 
@@ -35,6 +36,8 @@ pub(crate) struct MeshOptions {
     pub(crate) max_octree_depth: u32,
     /// Triangles at most.
     pub(crate) max_triangles: usize,
+    /// Picture on the surface.
+    pub(crate) texture: TextureOptions,
 }
 
 /// Pixels of depth maps that are in memory at once, beside those of relatives: at 10 bytes each,
@@ -53,11 +56,17 @@ impl StageOptions {
             Preset::Balanced => (1600, 8192, -1, 20),
             Preset::Best => (3200, 12_000, -1, 40),
         };
-        let (max_pixels, max_sources, max_octree_depth, max_triangles) = match spec.preset {
-            Preset::Fast => (80_000, 6, 8, 100_000),
-            Preset::Balanced => (320_000, 8, 10, 400_000),
-            Preset::Best => (1_280_000, 12, 11, 1_500_000),
+        let (max_pixels, max_sources) = match spec.preset {
+            Preset::Fast => (80_000, 6),
+            Preset::Balanced => (320_000, 8),
+            Preset::Best => (1_280_000, 12),
         };
+        let (max_octree_depth, max_triangles, max_side) = match spec.preset {
+            Preset::Fast => (8, 100_000, 2048),
+            Preset::Balanced => (10, 300_000, 4096),
+            Preset::Best => (11, 1_500_000, 8192),
+        };
+        let texture = TextureOptions { max_side };
         let dense = DenseOptions {
             max_pixels,
             max_sources,
@@ -73,7 +82,7 @@ impl StageOptions {
             two_view: TwoViewOptions::default(),
             mapper: MapperOptions { seed: spec.seed, ..MapperOptions::default() },
             dense,
-            mesh: MeshOptions { max_octree_depth, max_triangles },
+            mesh: MeshOptions { max_octree_depth, max_triangles, texture },
         }
     }
 }

@@ -107,7 +107,7 @@ pub struct MeshSummary {
     pub num_triangles: usize,
     /// In square units of the map.
     pub area: f64,
-    /// Why there is no mesh.
+    /// Why there is no mesh, or no texture on it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<PipelineError>,
 }

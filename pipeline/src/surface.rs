@@ -3,8 +3,7 @@
 
 use std::path::Path;
 
-use volery_formats::write_glb_of_mesh;
-use volery_scene::{EnvironmentMap, Progress};
+use volery_scene::{EnvironmentMap, Photos, Progress};
 
 use crate::{
     cache::{Cache, write_atomic},
@@ -12,10 +11,11 @@ use crate::{
     dense::{Dense, dense},
     error::PipelineError,
     export::write_info,
+    files::Files,
     ingest::Ingested,
     map_folder::{MapInfo, file},
-    mesh::mesh,
-    options::StageOptions,
+    mesh::{mesh, textured_glb},
+    options::{MeshOptions, StageOptions},
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
 };
@@ -69,7 +69,9 @@ pub(crate) fn add_surface(
     }
 
     let watch = Stopwatch::start();
-    let made = add_mesh(&dense, map, &mut info, options, [work_dir, out_dir], progress);
+    let files = Files { spec, ingested };
+    let folders = [work_dir, out_dir];
+    let made = add_mesh(&dense, map, &mut info, &files, &options.mesh, folders, progress);
     let (summary, cached) = match made {
         Ok(made) => made,
         Err(error) if error.is_cancelled() => return Err(error),
@@ -84,16 +86,22 @@ fn add_mesh(
     dense: &Dense,
     map: &EnvironmentMap,
     info: &mut MapInfo,
-    options: &StageOptions,
+    photos: &dyn Photos,
+    options: &MeshOptions,
     [work_dir, out_dir]: [&Path; 2],
     progress: &dyn Progress,
 ) -> Result<(MeshSummary, bool), PipelineError> {
     let cache = Cache::open(work_dir, "mesh")?;
-    let (mesh, ply, cached) =
-        mesh(&dense.cloud, dense.summary.spacing, &dense.key, &options.mesh, &cache, progress)?;
-    write_atomic(&out_dir.join(file::MESH), &ply)?;
-    write_atomic(&out_dir.join(file::GLB), &write_glb_of_mesh(&mesh, map.scale.metric))?;
-    info.num_triangles = Some(mesh.triangles.len());
+    let Dense { cloud, key, summary, .. } = dense;
+    let made = mesh(cloud, summary.spacing, key, options, &cache, progress)?;
+    write_atomic(&out_dir.join(file::MESH), &made.ply)?;
+    info.num_triangles = Some(made.mesh.triangles.len());
     write_info(info, out_dir)?;
-    Ok((MeshSummary::of(&mesh), cached))
+    let mut summary = MeshSummary::of(&made.mesh);
+    match textured_glb(&made, map, photos, options, &cache, progress) {
+        Ok(glb) => write_atomic(&out_dir.join(file::GLB), &glb)?,
+        Err(error) if error.is_cancelled() => return Err(error),
+        Err(error) => summary.error = Some(error),
+    }
+    Ok((summary, made.cached))
 }

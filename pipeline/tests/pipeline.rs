@@ -1,60 +1,17 @@
 //! The pipeline over a few rendered photos: interrupted anywhere it goes on and ends the same.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
-};
+mod support;
 
-use volery_geometry::{Camera, CameraModel, Vector3};
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, MapFolder, StageGroup, reconstruct};
-use volery_scene::{NoProgress, Progress, Stage};
-use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
+use std::{fs, path::Path};
+
+use support::{Folder, Scan, StopIn};
+use volery_pipeline::{ImageInput, JobSpec, MapFolder, reconstruct};
+use volery_scene::{NoProgress, Stage};
 
 const NUM_PHOTOS: usize = 10;
 
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
-            .join(format!("pipeline-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
-
-fn camera() -> Camera {
-    Camera::from_focal(CameraModel::Pinhole, 400, 300, 300.0).unwrap()
-}
-
-/// Part of a circle of 0.9 m radius, camera looking outward.
 fn photos(folder: &Path) -> JobSpec {
-    let hall = Hall::furnished(Vector3::new(8.0, 7.0, 3.0), 0.008, 5);
-    let renderer = Renderer::new(&camera());
-    let motion = CenterMotion::Circle { radius: 0.9 };
-    let center = volery_geometry::Point3::new(0.0, 0.0, 1.5);
-    let poses = yaw_scan(&center, NUM_PHOTOS, 0.22, motion, 5);
-    let images = poses.iter().enumerate().map(|(i, pose)| {
-        let photo = Sensor::default().expose(&renderer.render(&hall, pose), i as u64);
-        let pixels: Vec<u8> = photo.rgb.iter().flatten().copied().collect();
-        let path = folder.join(format!("{i}.png"));
-        image::save_buffer(&path, &pixels, photo.width, photo.height, image::ColorType::Rgb8)
-            .unwrap();
-        ImageInput::new(format!("{i}.png"), path)
-    });
-    JobSpec {
-        camera: Some(CameraSpec::from(&camera())),
-        stages: vec![StageGroup::Sfm],
-        ..JobSpec::new(images.collect())
-    }
+    Scan::new(folder, NUM_PHOTOS).spec
 }
 
 fn map_files(folder: &Path) -> Vec<(String, Vec<u8>)> {
@@ -62,24 +19,6 @@ fn map_files(folder: &Path) -> Vec<(String, Vec<u8>)> {
         .into_iter()
         .map(|name| (name.to_owned(), fs::read(folder.join(name)).unwrap()))
         .collect()
-}
-
-/// Stops the work once `stage` has finished a unit.
-struct StopIn {
-    stage: Stage,
-    stopped: AtomicBool,
-}
-
-impl Progress for StopIn {
-    fn report(&self, stage: Stage, done: usize, _total: usize) {
-        if stage == self.stage && done > 0 {
-            self.stopped.store(true, Ordering::Relaxed);
-        }
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.stopped.load(Ordering::Relaxed)
-    }
 }
 
 /// Cancelled in every stage, one after the other in one work folder, the run ends with the bytes
@@ -94,7 +33,7 @@ fn a_run_cancelled_in_every_stage_ends_with_the_same_bytes() {
 
     let work = folder.0.join("work-rough");
     for stage in [Stage::Features, Stage::Matching, Stage::Mapping, Stage::Export] {
-        let progress = StopIn { stage, stopped: AtomicBool::new(false) };
+        let progress = StopIn::new(stage);
         let error = reconstruct(&spec, &work, &rough, &progress).unwrap_err();
         assert!(error.is_cancelled(), "{stage:?}: {error}");
         assert!(!rough.join("map.json").exists(), "{stage:?}: no half map");

@@ -5,6 +5,9 @@ use std::{collections::BTreeMap, fs, path::Path};
 use nalgebra::{Isometry3, Point2, Point3, Quaternion, Similarity3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use volery_api::{AlignRequest, ControlPoint};
+use volery_formats::{
+    move_glb, read_ply_of_cloud, read_ply_of_mesh, write_ply_of_cloud, write_ply_of_mesh,
+};
 use volery_geometry::{similarity_from_points, triangulation::triangulate_linear};
 use volery_scene::{
     EnvironmentMap, Gravity, GravitySource, NoProgress, RegisteredImage, Scale, ScaleSource,
@@ -13,8 +16,10 @@ use volery_scene::{
 
 use crate::{
     PipelineError,
+    cache::write_atomic,
+    error::code,
     export::{bounds, write_files},
-    map_folder::{file, read_map},
+    map_folder::{MapInfo, file, read_map},
     moved::{self, MovedBy},
 };
 
@@ -40,7 +45,42 @@ pub(crate) fn align_folder(
     info.gravity = map.gravity;
     info.bounds = bounds(&map.model);
     write_files(&map, &info, &index, out_dir, &NoProgress)?;
+    move_surface(map_dir, out_dir, &info, &new_from_map)?;
     Ok(residuals)
+}
+
+/// Dense cloud and mesh, as far as the map has them.
+fn move_surface(
+    map_dir: &Path,
+    out_dir: &Path,
+    info: &MapInfo,
+    new_from_map: &Similarity3<f64>,
+) -> Result<(), PipelineError> {
+    let read = |name: &str| {
+        let path = map_dir.join(name);
+        fs::read(&path).map_err(|e| PipelineError::io(&path, &e))
+    };
+    let write = |name: &str, bytes: &[u8]| write_atomic(&out_dir.join(name), bytes);
+    let bad = |name: &str, error: &dyn std::fmt::Display| {
+        PipelineError::plain(code::BAD_MAP, format!("{name}: {error}"))
+    };
+    if info.num_dense_points.is_some() {
+        let mut cloud = read_ply_of_cloud(&read(file::DENSE)?).map_err(|e| bad(file::DENSE, &e))?;
+        let rotation = new_from_map.isometry.rotation.cast::<f32>();
+        for point in &mut cloud.points {
+            point.position = (new_from_map * point.position.cast::<f64>()).cast();
+            point.normal = rotation * point.normal;
+        }
+        write(file::DENSE, &write_ply_of_cloud(&cloud))?;
+    }
+    if info.num_triangles.is_some() {
+        let mut mesh = read_ply_of_mesh(&read(file::MESH)?).map_err(|e| bad(file::MESH, &e))?;
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex = new_from_map * *vertex);
+        write(file::MESH, &write_ply_of_mesh(&mesh))?;
+        let glb = move_glb(&read(file::GLB)?, new_from_map).map_err(|e| bad(file::GLB, &e))?;
+        write(file::GLB, &glb)?;
+    }
+    Ok(())
 }
 
 /// The similarity that is asked for; scale and gravity of `map` take their new proof.

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use volery_api::{JobProgress, JobStage, StageGroup};
 
 /// Time that each stage takes in a usual job, relative to the sparse map.
-const WEIGHTS: [(StageGroup, &str, f64); 9] = [
+const WEIGHTS: [(StageGroup, &str, f64); 10] = [
     (StageGroup::Sfm, "features", 0.35),
     (StageGroup::Sfm, "pairs", 0.03),
     (StageGroup::Sfm, "matching", 0.35),
@@ -16,6 +16,7 @@ const WEIGHTS: [(StageGroup, &str, f64); 9] = [
     (StageGroup::Dense, "depth_maps", 6.0),
     (StageGroup::Dense, "fusion", 1.0),
     (StageGroup::Mesh, "meshing", 1.5),
+    (StageGroup::Mesh, "texturing", 0.5),
 ];
 
 /// Time between two events of progress.

@@ -4,7 +4,7 @@ mod support;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use support::{Scan, distance_to_surface, pinhole, scan};
+use support::{Scan, pinhole, scan};
 use volery_geometry::{Camera, CameraModel, Point3, Rng};
 use volery_mvs::{DenseError, DenseOptions, MemoryShelf, depth_map, reconstruct_dense};
 use volery_scene::{
@@ -67,11 +67,8 @@ fn a_room_is_rebuilt_where_three_views_see_it() {
     assert!(share(&inferred, 0.03) > 0.7, "{} of {}", share(&inferred, 0.03), inferred.len());
 
     let room = &scan.hall.room;
-    let off: Vec<f64> = cloud
-        .points
-        .iter()
-        .map(|point| distance_to_surface(room, &point.position.cast()))
-        .collect();
+    let off: Vec<f64> =
+        cloud.points.iter().map(|point| room.distance_to_surface(&point.position.cast())).collect();
     assert!(share(&off, 0.01) > 0.5 && share(&off, 0.05) > 0.95, "{}", share(&off, 0.05));
 
     let targets = visible_points(&scan, 1500);
@@ -176,7 +173,7 @@ fn distorted_photos_give_the_same_surfaces() {
     assert!(cloud.points.len() > 5000);
     let room = &scan.hall.room;
     let off: Vec<f64> =
-        cloud.points.iter().map(|p| distance_to_surface(room, &p.position.cast())).collect();
+        cloud.points.iter().map(|p| room.distance_to_surface(&p.position.cast())).collect();
     // A pixel is 3 cm wide on the surfaces.
     assert!(share(&off, 0.015) > 0.5 && share(&off, 0.06) > 0.9, "{}", share(&off, 0.06));
 }

@@ -124,6 +124,18 @@ impl Room {
         })
     }
 
+    /// Distance of a point to the nearest surface, from either side.
+    pub fn distance_to_surface(&self, point: &Point3<f64>) -> f64 {
+        let to_box = |cuboid: &Cuboid| {
+            let over = cuboid.local(&(point - cuboid.center)).abs() - cuboid.half;
+            let outside = over.map(|v| v.max(0.0)).norm();
+            if outside > 0.0 { outside } else { -over.max() }
+        };
+        let shell = self.shell();
+        let boxes = std::iter::once(&shell).chain(&self.furniture);
+        boxes.map(to_box).fold(f64::INFINITY, f64::min)
+    }
+
     /// A random point of the visible surfaces, uniform by area.
     pub fn surface_point(&self, rng: &mut Rng) -> SurfacePoint {
         loop {
@@ -197,6 +209,11 @@ mod tests {
             assert!((normal.norm() - 1.0).abs() < 1e-12);
             assert!(room.is_free(&(position + normal * 1e-3), 0.0));
             assert!(!room.is_free(&(position - normal * 1e-3), 0.0));
+            assert!(room.distance_to_surface(&position) < 1e-12);
+            for step in [0.01, -0.01] {
+                let off = room.distance_to_surface(&(position + normal * step));
+                assert!(off <= 0.01 + 1e-12 && off > 0.0, "{off}");
+            }
             on_furniture += usize::from(
                 room.is_free(&position, -1e-3)
                     && room.furniture.iter().any(|c| c.contains(&position, 1e-6)),

@@ -90,16 +90,3 @@ fn sparse_model(
     }
     model
 }
-
-/// Distance of a point to the nearest surface of a room.
-pub(crate) fn distance_to_surface(room: &Room, point: &Point3<f64>) -> f64 {
-    let to_box = |cuboid: &volery_synthetic::Cuboid| {
-        let p = cuboid.local(&(point - cuboid.center));
-        let over = p.abs() - cuboid.half;
-        let outside = over.map(|v| v.max(0.0)).norm();
-        if outside > 0.0 { outside } else { -over.max() }
-    };
-    let shell = room.shell();
-    let boxes = std::iter::once(&shell).chain(&room.furniture).map(to_box);
-    boxes.fold(f64::INFINITY, f64::min)
-}
