@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::{Camera, CameraPose, Localization};
+use crate::{Camera, CameraPose, Localization, LocalizeMethod};
 
 /// A place. Its versions never change.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -90,6 +90,46 @@ pub struct VersionQuery {
     pub version: Option<u32>,
 }
 
+/// Which version, and how.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct LocalizeParams {
+    /// The active one when absent.
+    pub version: Option<u32>,
+    /// `auto` when absent.
+    #[param(inline)]
+    pub method: Option<LocalizeMethod>,
+}
+
+/// What a virtual camera is to draw.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RenderRequest {
+    /// `map_from_camera`.
+    pub pose: CameraPose,
+    /// Intrinsics and size of the picture; the map's first camera when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
+    /// What the picture shows.
+    #[serde(default)]
+    pub what: RenderWhat,
+}
+
+/// What a drawn picture shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RenderWhat {
+    /// Colors: PNG.
+    #[default]
+    Color,
+    /// Depth along the camera's z in thousandths of the map's unit (millimeters of a metric map):
+    /// 16-bit gray PNG; 0 where nothing is seen.
+    Depth,
+    /// Depth along the camera's z: 32-bit floats, little endian, row by row; 0 where nothing is seen.
+    DepthF32,
+}
+
 /// A posed image of a map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MapCamera {
@@ -133,6 +173,9 @@ pub struct LocalizeAnswer {
 pub struct MapsQuery {
     /// Ids of 1 to 8 different maps, separated by commas; or as a part of the form.
     pub map_ids: Option<String>,
+    /// `auto` when absent.
+    #[param(inline)]
+    pub method: Option<LocalizeMethod>,
 }
 
 /// Where in which of several maps an image was taken, or why that is unknown.

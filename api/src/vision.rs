@@ -315,6 +315,20 @@ pub enum LocalizeStatus {
     NotFound,
 }
 
+/// How a photo is placed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LocalizeMethod {
+    /// By features; if that finds nothing, a prior with position and yaw is given and the map has a
+    /// mesh, by comparing the photo with rendered views. Every pose is checked by its render score.
+    #[default]
+    Auto,
+    /// By features only, without a render score.
+    Pnp,
+    /// By comparing the photo with rendered views around the prior's position.
+    Template,
+}
+
 /// A pose that is about as good as another.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Rival {
@@ -366,7 +380,45 @@ pub struct Localization {
     pub inlier_ratio: Option<f64>,
     /// Root mean square reprojection error, pixels.
     pub reprojection_px: Option<f64>,
+    /// `pnp` or `template`: which way answered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<LocalizeMethod>,
+    /// How well the map's mesh, drawn from the pose, agrees with the photo; if there is a mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub render_score: Option<RenderScore>,
+    /// Light and sharpness of the photo; with `template`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light: Option<PhotoLight>,
     /// Milliseconds per step.
     #[serde(default)]
     pub timings: LocalizeTimings,
+}
+
+/// A drawn view against a photo: a second opinion on a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RenderScore {
+    /// Part of the view's patches that the photo shows within a pixel of where they should be, 0 to
+    /// 1; some 0.04 by chance.
+    pub agreement: f64,
+    /// Correlation of local contrasts, -1 to 1.
+    pub correlation: f64,
+    /// Patches that were looked for.
+    pub num_patches: u32,
+    /// Part of the view that shows the map, 0 to 1.
+    pub seen: f64,
+}
+
+/// Light and sharpness of a photo: `photo = gain * map ^ gamma`, levels in 0..1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PhotoLight {
+    /// Factor at mid gray.
+    pub gain: f64,
+    /// Exponent.
+    pub gamma: f64,
+    /// Strength of the finest edges over that of edges at half the size; nearly 1 when sharp.
+    pub sharpness: f64,
+    /// Whether the photo lacks its finest details.
+    pub is_blurred: bool,
+    /// Whether the light is another one than when the map was made.
+    pub is_other_light: bool,
 }

@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    AlignRequest, Camera, KnownDistance, Localization, LocalizePrior, OriginRule, Preset, Prior,
-    StageGroup,
+    AlignRequest, Camera, KnownDistance, Localization, LocalizeMethod, LocalizePrior, OriginRule,
+    Preset, Prior, RenderRequest, StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -158,6 +158,13 @@ pub enum WorkerRequest {
         /// What to do.
         align: AlignRequest,
     },
+    /// Draw a view of a map. Answer: [`RenderReply`], with the picture as payload.
+    Render {
+        /// Map folder to read.
+        map_dir: String,
+        /// What to draw.
+        render: RenderRequest,
+    },
     /// Write an export that the map folder does not hold as a file. Answer: `{"ok":true}`.
     Export {
         /// Map folder to read.
@@ -180,6 +187,9 @@ pub struct LocalizeTask {
     /// What is known of the pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<LocalizePrior>,
+    /// How.
+    #[serde(default)]
+    pub method: LocalizeMethod,
     /// How the payload is coded.
     #[serde(default)]
     pub encoding: ImageEncoding,
@@ -223,6 +233,13 @@ pub struct ImageCheck {
     /// What is wrong without being fatal.
     #[serde(default)]
     pub warnings: Vec<String>,
+}
+
+/// Answer to [`WorkerRequest::Render`], beside `ok: true`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RenderReply {
+    /// What was drawn: `mesh` or `points`.
+    pub surface: String,
 }
 
 /// Answer to any request that could not be done, beside `ok: false`.

@@ -4,6 +4,7 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use uuid::Uuid;
+use volery_api::LocalizeMethod;
 use volery_pipeline::{Preset, StageGroup};
 use volery_scene::{KnownDistance, OriginRule};
 
@@ -300,12 +301,49 @@ pub(crate) struct LocalizeArgs {
     /// Telemetry of the photos: the yaw narrows the search if the map was made with telemetry.
     #[arg(long)]
     pub(crate) telemetry: Option<PathBuf>,
+    /// How photos are placed: by features, by comparing them with views of the map's mesh, or by the
+    /// second where the first finds nothing.
+    #[arg(long, value_enum, default_value_t = MethodArg::Auto)]
+    pub(crate) method: MethodArg,
+    /// A place near which the photos were taken, in the map; with `--telemetry` the comparison with
+    /// views starts there.
+    #[arg(long, value_name = "X,Y,Z", value_parser = position, allow_hyphen_values = true)]
+    pub(crate) near: Option<[f64; 3]>,
+    /// How near: the standard deviation of `--near`.
+    #[arg(long, default_value_t = 0.3, requires = "near")]
+    pub(crate) near_sigma: f64,
     /// Poses of the photos answered `ok`: `image,qw,qx,qy,qz,tx,ty,tz`, camera to map.
     #[arg(short, long)]
     pub(crate) out: Option<PathBuf>,
     /// Seed of all random choices.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MethodArg {
+    Auto,
+    Pnp,
+    Template,
+}
+
+impl From<MethodArg> for LocalizeMethod {
+    fn from(method: MethodArg) -> Self {
+        match method {
+            MethodArg::Auto => Self::Auto,
+            MethodArg::Pnp => Self::Pnp,
+            MethodArg::Template => Self::Template,
+        }
+    }
+}
+
+/// Three numbers separated by commas.
+fn position(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse()).collect();
+    let position = numbers.ok().and_then(|all| <[f64; 3]>::try_from(all).ok());
+    position
+        .filter(|p| p.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| "three numbers separated by commas are expected".to_owned())
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

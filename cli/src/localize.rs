@@ -3,9 +3,9 @@
 use std::{fs, path::Path, time::Instant};
 
 use serde::Serialize;
-use volery_api::{ImageEncoding, Localization, LocalizeStatus};
+use volery_api::{ImageEncoding, Localization, LocalizeMethod, LocalizeStatus};
 use volery_formats::{NamedPose, write_poses_csv};
-use volery_geometry::{Isometry3, UnitQuaternion};
+use volery_geometry::{Isometry3, Point3, UnitQuaternion};
 use volery_localization::{LocalizationPrior, LocalizeOptions, Status};
 use volery_pipeline::{
     MapFolder, PipelineError,
@@ -58,8 +58,12 @@ pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
     let (mut answers, mut poses) = (Vec::new(), Vec::new());
     for file in &files {
         let prior = telemetry.as_ref().and_then(|rows| rows.get(&file.name));
-        let prior = prior.map_or_else(LocalizationPrior::default, |prior| map_prior(&map, prior));
-        let (result, pose) = match localize(file, &map, camera.as_ref(), &prior, &options) {
+        let mut prior =
+            prior.map_or_else(LocalizationPrior::default, |prior| map_prior(&map, prior));
+        prior.position = args.near.map(|near| (Point3::from(near), args.near_sigma));
+        let method = args.method.into();
+        let found = localize(file, &map, camera.as_ref(), &prior, &options, method);
+        let (result, pose) = match found {
             Ok((answer, pose)) => (AnswerResult::Localization(Box::new(answer)), pose),
             Err(error) => (AnswerResult::Error { error }, None),
         };
@@ -104,17 +108,18 @@ fn localize(
     camera: Option<&volery_geometry::Camera>,
     prior: &LocalizationPrior,
     options: &LocalizeOptions,
+    method: LocalizeMethod,
 ) -> Result<(Localization, Option<Isometry3<f64>>), PipelineError> {
     let start = Instant::now();
     let bytes = fs::read(&file.path).map_err(|e| PipelineError::io(&file.path, &e))?;
     let query = query_image(&bytes, ImageEncoding::Auto, None, camera, map)
         .map_err(|e| PipelineError::plain(e.code(), format!("{}: {e}", file.name)))?;
     let decode_ms = start.elapsed().as_secs_f64() * 1e3;
-    let (answer, timings) = map.localize(&query.image, &query.camera, prior, options);
-    let mut reply = localization(&answer, &timings);
+    let located = map.locate(&query.image, &query.camera, prior, options, method)?;
+    let mut reply = localization(&located);
     reply.timings.decode_ms = Some(decode_ms);
     reply.timings.total_ms = Some(start.elapsed().as_secs_f64() * 1e3);
-    let pose = match answer.status {
+    let pose = match located.answer.status {
         Status::Ok(estimate) => Some(estimate.map_from_camera),
         _ => None,
     };

@@ -6,7 +6,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
-    Camera, CreateJob, Job, JobEvent, JobState, KnownDistance, Preset, Prior, UploadStatus,
+    Camera, CreateJob, Job, JobEvent, JobState, KnownDistance, LocalizePrior, PositionPrior,
+    Preset, Prior, UploadStatus,
 };
 use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
 use volery_formats::NamedPose;
@@ -250,7 +251,16 @@ pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool)
         for file in &files {
             let image = input::read(&file.path)?;
             let camera = camera.clone();
-            let query = LocalizeQuery { image, camera, prior: None, version: args.version };
+            let query = LocalizeQuery {
+                image,
+                camera,
+                prior: args.near.map(|position| LocalizePrior {
+                    position: Some(PositionPrior { position, sigma: args.near_sigma }),
+                    ..LocalizePrior::default()
+                }),
+                version: args.version,
+                method: Some(args.method.into()),
+            };
             let result = match client.localize(map, &query).await {
                 Ok(answer) => {
                     if let Some(world_from_cam) = localize::pose_of(&answer.localization) {

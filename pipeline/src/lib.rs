@@ -24,6 +24,7 @@ mod report;
 mod report_html;
 mod run;
 mod surface;
+mod view;
 
 pub mod error;
 pub mod map_folder;
@@ -37,6 +38,7 @@ pub use map_folder::{MapFolder, MapInfo};
 pub use moved::MovedBy;
 pub use spec::{CameraSpec, ImageInput, JobSpec, Preset, StageGroup};
 pub use summary::Summary;
+pub use view::Surface;
 
 /// Photos to a map folder.
 ///

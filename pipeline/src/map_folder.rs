@@ -1,13 +1,20 @@
 //! A map folder: what [`crate::reconstruct`] writes and localization reads.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
 
 use serde::{Deserialize, Serialize};
+use volery_api::LocalizeMethod;
 use volery_formats::{ColmapFiles, colmap::read_colmap_text};
 use volery_geometry::Camera;
 use volery_localization::{
-    LocalizationAnswer, LocalizationIndex, LocalizationPrior, LocalizeOptions, StepTimings,
+    LocalizationAnswer, LocalizationIndex, LocalizationPrior, LocalizeOptions, RenderScore, Status,
+    StepTimings, TemplateOptions, localize_by_template, render_score, template::Light,
 };
+use volery_rendering::DrawableMesh;
 use volery_scene::{EnvironmentMap, Gravity, GrayImage, OriginRule, Quality, Scale, SparseModel};
 
 use crate::{
@@ -16,6 +23,7 @@ use crate::{
     heading::NorthInMap,
     moved::MovedBy,
     spec::CameraSpec,
+    view::Surface,
 };
 
 /// Layout of the folder that this software writes and reads.
@@ -114,6 +122,24 @@ pub struct MapFolder {
     info: MapInfo,
     cameras: Vec<Camera>,
     index: LocalizationIndex,
+    folder: PathBuf,
+    /// Read when it is first asked for.
+    surface: OnceLock<Result<Surface, PipelineError>>,
+}
+
+/// The answer to a photo.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Located {
+    /// The pose, or why there is none.
+    pub answer: LocalizationAnswer,
+    /// Which way answered.
+    pub method: LocalizeMethod,
+    /// The mesh, drawn from the pose, against the photo.
+    pub score: Option<RenderScore>,
+    /// Light and sharpness, if they were measured.
+    pub light: Option<Light>,
+    /// Of the steps.
+    pub timings: StepTimings,
 }
 
 impl MapFolder {
@@ -125,12 +151,23 @@ impl MapFolder {
         let index = LocalizationIndex::from_bytes(&bytes).map_err(|e| bad_map(&path, e))?;
         let cameras = info.cameras.iter().map(CameraSpec::camera).collect::<Result<_, _>>();
         let cameras = cameras.map_err(|e| bad_map(&folder.join(file::MAP), e))?;
-        Ok(Self { info, cameras, index })
+        let (folder, surface) = (folder.to_owned(), OnceLock::new());
+        Ok(Self { info, cameras, index, folder, surface })
     }
 
     /// Facts of the map.
     pub fn info(&self) -> &MapInfo {
         &self.info
+    }
+
+    /// What a virtual camera can draw of the map.
+    pub fn surface(&self) -> Result<&Surface, PipelineError> {
+        self.surface.get_or_init(|| Surface::open(&self.folder)).as_ref().map_err(Clone::clone)
+    }
+
+    /// The first camera of the map.
+    pub fn first_camera(&self) -> Option<&Camera> {
+        self.cameras.first()
     }
 
     /// What localization reads.
@@ -144,7 +181,58 @@ impl MapFolder {
         self.cameras.iter().find_map(|camera| scaled_to(camera, width, height))
     }
 
-    /// The pose of an image in the map, with the time of its steps.
+    /// The pose of an image in the map, one way or the other (P61): by features, and if they match
+    /// nothing and the map has a mesh, by comparing the image with views of it.
+    ///
+    /// # Errors
+    ///
+    /// A mesh that cannot be read, and for [`LocalizeMethod::Template`] a map without one.
+    pub fn locate(
+        &self,
+        image: &GrayImage,
+        camera: &Camera,
+        prior: &LocalizationPrior,
+        options: &LocalizeOptions,
+        method: LocalizeMethod,
+    ) -> Result<Located, PipelineError> {
+        if method == LocalizeMethod::Template {
+            let mesh = self.surface()?.mesh().ok_or_else(|| {
+                PipelineError::new(
+                    "no_mesh",
+                    "the map has no mesh to compare the photo with",
+                    "reconstruct it with the stage `mesh`, or ask with the method `pnp`",
+                )
+            })?;
+            return Ok(by_template(image, camera, mesh, prior));
+        }
+        let (answer, timings) = self.localize(image, camera, prior, options);
+        let method_used = LocalizeMethod::Pnp;
+        let mut located =
+            Located { answer, method: method_used, score: None, light: None, timings };
+        if method == LocalizeMethod::Pnp {
+            return Ok(located);
+        }
+        let Some(mesh) = self.surface()?.mesh() else { return Ok(located) };
+        match &located.answer.status {
+            Status::Ok(estimate) => {
+                let pose = estimate.map_from_camera.inverse();
+                located.score = render_score(image, camera, mesh, &pose);
+            }
+            Status::NotFound(_) if prior.position.is_some() && prior.yaw.is_some() => {
+                let mut other = by_template(image, camera, mesh, prior);
+                if !matches!(other.answer.status, Status::NotFound(_)) {
+                    other.timings.features_ms = timings.features_ms;
+                    other.timings.match_ms = timings.match_ms;
+                    other.timings.solve_ms += timings.solve_ms;
+                    return Ok(other);
+                }
+            }
+            _ => {}
+        }
+        Ok(located)
+    }
+
+    /// The pose of an image in the map by features, with the time of its steps.
     pub fn localize(
         &self,
         image: &GrayImage,
@@ -165,6 +253,35 @@ impl MapFolder {
                 (answer, timings)
             }
         }
+    }
+}
+
+/// Places are searched as far as this many deviations of the prior's position.
+const SEARCHED_SIGMAS: f64 = 2.0;
+
+fn by_template(
+    image: &GrayImage,
+    camera: &Camera,
+    mesh: &DrawableMesh,
+    prior: &LocalizationPrior,
+) -> Located {
+    let start = std::time::Instant::now();
+    let mut options = TemplateOptions::default();
+    if let Some((_, sigma)) = prior.position {
+        options.radius = SEARCHED_SIGMAS * sigma;
+    }
+    let found = localize_by_template(image, camera, mesh, prior, &options);
+    let solve_ms = start.elapsed().as_secs_f64() * 1e3;
+    Located {
+        answer: LocalizationAnswer {
+            status: found.status,
+            num_features: 0,
+            num_correspondences: 0,
+        },
+        method: LocalizeMethod::Template,
+        score: found.proof.map(|proof| proof.score),
+        light: found.proof.map(|proof| proof.light),
+        timings: StepTimings { solve_ms, ..StepTimings::default() },
     }
 }
 

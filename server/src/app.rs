@@ -25,7 +25,8 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        cameras, exports, images, imagesets, jobs, localize, maps, priors, service, tokens, uploads,
+        cameras, exports, images, imagesets, jobs, localize, maps, priors, render, service, tokens,
+        uploads,
     },
     state::App,
     ws as socket,
@@ -96,6 +97,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(exports::export))
         .routes(routes!(localize::localize))
         .routes(routes!(localize::localize_in_maps))
+        .routes(routes!(render::render))
         .routes(routes!(socket::open_socket))
 }
 

@@ -99,6 +99,37 @@ async fn an_alignment_is_a_new_version_and_the_old_one_stays() {
 }
 
 #[tokio::test]
+async fn views_are_drawn_and_bad_cameras_refused() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let map = client.map().await;
+    let path = format!("/v1/maps/{map}/render");
+    let pose = json!({"position": [1, 2, 3], "orientation": [1, 0, 0, 0]});
+    for (what, media_type) in
+        [("color", "image/png"), ("depth", "image/png"), ("depth_f32", "application/octet-stream")]
+    {
+        let answer = client.post(&path, json!({"pose": pose, "what": what})).await.expect(200);
+        assert_eq!(answer.header("content-type"), Some(media_type));
+        assert_eq!(answer.header("x-surface"), Some("mesh"));
+        assert_eq!(answer.body, format!("a \"{what}\" picture").into_bytes());
+    }
+    let camera = |width: u32, focal: f64| {
+        json!({"model": "SIMPLE_PINHOLE", "width": width, "height": 48,
+            "params": [focal, width / 2, 24]})
+    };
+    let with = |camera: Value| json!({"pose": pose, "camera": camera});
+    client.post(&path, with(camera(64, 50.0))).await.expect(200);
+    let refused = client.post(&path, with(camera(64, -1.0))).await.expect(422);
+    assert_eq!(refused.code(), "bad_camera");
+    let refused = client.post(&path, with(camera(9999, 50.0))).await;
+    assert!(refused.status >= 400 && refused.status < 500 && refused.code() == "too_large");
+    client.post(&path, json!({"pose": pose, "zoom": 2})).await.expect(422);
+    client.post(&path, json!({})).await.expect(422);
+    let nowhere = format!("/v1/maps/{}/render", uuid::Uuid::nil());
+    client.post(&nowhere, json!({"pose": pose})).await.expect(404);
+}
+
+#[tokio::test]
 async fn a_photo_is_answered_with_a_pose_or_a_reason() {
     let server = Server::start().await;
     let client = &server.client;
@@ -111,6 +142,11 @@ async fn a_photo_is_answered_with_a_pose_or_a_reason() {
     assert_eq!((&answer["map_id"], &answer["map_version"]), (&json!(map), &json!(1)));
     assert_eq!(answer["pose"]["position"], json!([1.0, 2.0, 3.0]));
     assert!(answer["timings"]["total_ms"].as_f64().unwrap() > 0.0);
+
+    let template = format!("{path}?method=template");
+    client.send("POST", &template, &jpeg, &photo("here")).await.expect(200);
+    let unknown = format!("{path}?method=guess");
+    client.send("POST", &unknown, &jpeg, &photo("here")).await.expect(422);
 
     let answer = client.send("POST", &path, &jpeg, &photo("nowhere")).await.expect(200).json();
     assert_eq!(answer["status"], "not_found");

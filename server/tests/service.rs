@@ -50,7 +50,7 @@ async fn every_route_asks_for_a_token_of_its_role() {
         }
         assert_eq!(nobody, 401, "{method} {path} without a token");
         let admin_only = path.starts_with("/v1/tokens");
-        let reads = method == "GET" || path.ends_with("/localize");
+        let reads = method == "GET" || path.ends_with("/localize") || path.ends_with("/render");
         assert_eq!(status(viewer.clone()).await == 403, admin_only || !reads, "{method} {path}");
         assert_eq!(status(mapper.clone()).await == 403, admin_only, "{method} {path}");
         assert!(!matches!(status(client.clone()).await, 401 | 403 | 500..), "{method} {path}");

@@ -122,6 +122,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-sfm",
             "volery-mvs",
             "volery-meshing",
+            "volery-rendering",
             "volery-localization",
             "volery-formats",
             "volery-api",

@@ -4,8 +4,8 @@ use reqwest::{Method, header};
 use serde::de::DeserializeOwned;
 use uuid::Uuid;
 use volery_api::{
-    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizeManyAnswer, LocalizePrior,
-    Map, MapCameras, MapVersion,
+    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizeManyAnswer, LocalizeMethod,
+    LocalizePrior, Map, MapCameras, MapVersion, RenderRequest,
 };
 
 use crate::{Client, ClientError};
@@ -21,6 +21,23 @@ pub struct LocalizeQuery {
     pub prior: Option<LocalizePrior>,
     /// The active version when absent.
     pub version: Option<u32>,
+    /// The server's choice when absent.
+    pub method: Option<LocalizeMethod>,
+}
+
+impl LocalizeQuery {
+    /// Version and method as a query, with `more` before them.
+    fn parameters(&self, more: Option<String>) -> Result<String, ClientError> {
+        let mut parameters: Vec<String> = more.into_iter().collect();
+        parameters.extend(self.version.map(|version| format!("version={version}")));
+        if let Some(method) = &self.method {
+            let word = serde_json::to_string(method)
+                .map_err(|e| ClientError::BadArgument(e.to_string()))?;
+            parameters.push(format!("method={}", word.trim_matches('"')));
+        }
+        let start = if parameters.is_empty() { "" } else { "?" };
+        Ok(format!("{start}{}", parameters.join("&")))
+    }
 }
 
 impl Client {
@@ -76,14 +93,26 @@ impl Client {
         Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
     }
 
+    /// What a virtual camera sees of the active version of a map: a PNG, or for
+    /// [`volery_api::RenderWhat::DepthF32`] the depths.
+    pub async fn render_map(
+        &self,
+        id: Uuid,
+        request: &RenderRequest,
+    ) -> Result<bytes::Bytes, ClientError> {
+        let path = format!("/v1/maps/{id}/render");
+        let make = || self.request(Method::POST, &path).json(request);
+        Ok(self.send(make).await?.bytes().await?)
+    }
+
     /// The pose of a photo, or why there is none.
     pub async fn localize(
         &self,
         map: Uuid,
         query: &LocalizeQuery,
     ) -> Result<LocalizeAnswer, ClientError> {
-        let version = query.version.map_or(String::new(), |v| format!("?version={v}"));
-        self.ask(&format!("/v1/maps/{map}/localize{version}"), query).await
+        let parameters = query.parameters(None)?;
+        self.ask(&format!("/v1/maps/{map}/localize{parameters}"), query).await
     }
 
     /// The pose of a photo in the active version of one of several maps, or why there is none.
@@ -97,7 +126,8 @@ impl Client {
             return Err(ClientError::BadArgument(detail));
         }
         let ids: Vec<_> = maps.iter().map(Uuid::to_string).collect();
-        self.ask(&format!("/v1/localize?map_ids={}", ids.join(",")), query).await
+        let parameters = query.parameters(Some(format!("map_ids={}", ids.join(","))))?;
+        self.ask(&format!("/v1/localize{parameters}"), query).await
     }
 
     async fn ask<T: DeserializeOwned>(

@@ -1,13 +1,32 @@
 //! A localization as the API says it.
 
 use nalgebra::Isometry3;
-use volery_api::{CameraPose, Localization, LocalizeStatus, LocalizeTimings, Rival};
-use volery_localization::{LocalizationAnswer, PoseEstimate, Status, StepTimings};
+use volery_api::{
+    CameraPose, Localization, LocalizeStatus, LocalizeTimings, PhotoLight, RenderScore, Rival,
+};
+use volery_localization::{PoseEstimate, Status};
+
+use crate::map_folder::Located;
 
 /// The answer in the words of the API. `decode_ms` and `total_ms` are for the caller to add.
-pub fn localization(answer: &LocalizationAnswer, timings: &StepTimings) -> Localization {
+pub fn localization(located: &Located) -> Localization {
+    let (answer, timings) = (&located.answer, &located.timings);
     let mut reply = not_found("");
     reply.num_features = answer.num_features as u32;
+    reply.method = Some(located.method);
+    reply.render_score = located.score.map(|score| RenderScore {
+        agreement: score.agreement,
+        correlation: score.correlation,
+        num_patches: score.num_patches as u32,
+        seen: score.seen,
+    });
+    reply.light = located.light.map(|light| PhotoLight {
+        gain: light.gain,
+        gamma: light.gamma,
+        sharpness: light.sharpness,
+        is_blurred: light.is_blurred(),
+        is_other_light: light.is_other(),
+    });
     reply.num_correspondences = answer.num_correspondences as u32;
     reply.timings = LocalizeTimings {
         decode_ms: None,
@@ -56,6 +75,9 @@ pub fn not_found(reason: &str) -> Localization {
         num_inliers: 0,
         inlier_ratio: None,
         reprojection_px: None,
+        method: None,
+        render_score: None,
+        light: None,
         timings: LocalizeTimings::default(),
     }
 }

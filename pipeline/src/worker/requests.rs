@@ -9,17 +9,19 @@ use std::{
     time::Instant,
 };
 
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use volery_api::{
-    Localization,
+    Localization, RenderRequest, RenderWhat,
     worker::{
-        ImageCheck, LocalizeTask, MAX_WORKER_HEADER, WorkerFailure, WorkerReply, WorkerRequest,
+        ImageCheck, LocalizeTask, MAX_WORKER_HEADER, RenderReply, WorkerFailure, WorkerReply,
+        WorkerRequest,
     },
 };
 use volery_formats::{
-    DecodeLimits, ImageFormat, colmap::write_colmap_binary, decode_image, read_exif, write_glb,
-    write_thumbnail, write_transforms_json,
+    DecodeLimits, ImageFormat, colmap::write_colmap_binary, decode_image, read_exif,
+    write_depth_png, write_glb, write_png, write_thumbnail, write_transforms_json,
 };
 use volery_geometry::{Camera, Point3};
 use volery_localization::{LocalizationPrior, LocalizeOptions};
@@ -33,6 +35,9 @@ use crate::{
 
 /// Longest payload of a message, bytes: the largest photo that the decoder takes, and raw pixels.
 const MAX_PAYLOAD: usize = 256 << 20;
+
+/// Largest picture that is drawn: its depths fill the longest answer.
+const MAX_RENDER_PIXELS: u64 = 2048 * 2048;
 
 /// Map versions kept in memory; the least recently used goes first.
 const MAX_MAPS: usize = 8;
@@ -57,6 +62,10 @@ pub fn run_localizer() -> io::Result<()> {
             reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
         }
         WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
+        WorkerRequest::Render { map_dir, render } => match draw(&map_dir, &render, &mut maps) {
+            Ok((about, picture)) => Ok((reply(Ok(about))?.0, picture)),
+            Err(failure) => reply::<Value>(Err(failure)),
+        },
         WorkerRequest::Align { map_dir, out_dir, align } => {
             let outcome = align_folder(Path::new(&map_dir), Path::new(&out_dir), &align);
             reply(outcome.map(|residuals| json!({ "residuals": residuals })).map_err(of_pipeline))
@@ -203,11 +212,53 @@ fn localize(
         yaw: prior.yaw.map(|p| (p.yaw, p.sigma)),
     };
     let options = LocalizeOptions::default();
-    let (answer, timings) = map.localize(&query.image, &query.camera, &prior, &options);
-    let mut reply = localization(&answer, &timings);
+    let located = map
+        .locate(&query.image, &query.camera, &prior, &options, task.method)
+        .map_err(of_pipeline)?;
+    let mut reply = localization(&located);
     reply.timings.decode_ms = Some(decode_ms);
     reply.timings.total_ms = Some(start.elapsed().as_secs_f64() * 1e3);
     Ok(reply)
+}
+
+/// Draws a view of a map.
+fn draw(
+    map_dir: &str,
+    render: &RenderRequest,
+    maps: &mut Maps,
+) -> Result<(RenderReply, Vec<u8>), WorkerFailure> {
+    let map = maps.get(map_dir).map_err(of_pipeline)?;
+    let camera = match &render.camera {
+        Some(camera) => camera_of(camera)?,
+        None => *map.first_camera().ok_or_else(|| {
+            failure("unknown_camera", "the map has no camera, and none was given")
+        })?,
+    };
+    let pixels = u64::from(camera.width) * u64::from(camera.height);
+    if pixels > MAX_RENDER_PIXELS {
+        let detail = format!("{pixels} pixels are more than {MAX_RENDER_PIXELS}");
+        return Err(failure("too_large", detail));
+    }
+    let [w, i, j, k] = render.pose.orientation;
+    let rotation = Quaternion::new(w, i, j, k);
+    let is_finite = render.pose.position.iter().all(|v| v.is_finite());
+    // False for NaN.
+    let is_unit = (rotation.norm() - 1.0).abs() < 1e-3;
+    if !(is_finite && is_unit) {
+        return Err(failure("bad_pose", "a pose is a finite position and a unit quaternion"));
+    }
+    let rotation = UnitQuaternion::from_quaternion(rotation);
+    let map_from_camera = Isometry3::from_parts(render.pose.position.into(), rotation);
+    let surface = map.surface().map_err(of_pipeline)?;
+    let drawn = surface.draw(&camera, &map_from_camera.inverse());
+    let (width, height) = (drawn.width, drawn.height);
+    let picture = match render.what {
+        RenderWhat::Color => write_png(width, height, &drawn.colors),
+        RenderWhat::Depth => write_depth_png(width, height, &drawn.depth),
+        RenderWhat::DepthF32 => Ok(drawn.depth.iter().flat_map(|d| d.to_le_bytes()).collect()),
+    };
+    let picture = picture.map_err(|e| failure("io", e.to_string()))?;
+    Ok((RenderReply { surface: surface.name().to_owned() }, picture))
 }
 
 fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {

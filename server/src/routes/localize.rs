@@ -10,8 +10,8 @@ use axum::{
 use futures_util::future::try_join_all;
 use uuid::Uuid;
 use volery_api::{
-    Camera, ImageEncoding, Localization, LocalizeAnswer, LocalizeManyAnswer, LocalizePrior,
-    LocalizeStatus, MapVersion, MapsQuery, VersionQuery,
+    Camera, ImageEncoding, Localization, LocalizeAnswer, LocalizeManyAnswer, LocalizeMethod,
+    LocalizeParams, LocalizePrior, LocalizeStatus, MapVersion, MapsQuery,
     worker::{LocalizeTask, WorkerRequest},
 };
 
@@ -37,6 +37,7 @@ pub(crate) struct Query {
     pub(crate) image: Bytes,
     pub(crate) camera: Option<Camera>,
     pub(crate) prior: Option<LocalizePrior>,
+    pub(crate) method: LocalizeMethod,
     pub(crate) encoding: ImageEncoding,
     pub(crate) width: Option<u32>,
     pub(crate) height: Option<u32>,
@@ -45,7 +46,7 @@ pub(crate) struct Query {
 /// Finds the pose of a photo. A photo that cannot be placed is answered 200 with `not_found` or
 /// `ambiguous` and the reason.
 #[utoipa::path(post, path = "/v1/maps/{id}/localize", tag = "localization",
-    params(VersionQuery, ("id" = Uuid, Path, description = "Of the map"),
+    params(LocalizeParams, ("id" = Uuid, Path, description = "Of the map"),
         ("X-Camera" = Option<String>, Header, description = "`Camera` of a raw photo, as JSON"),
         ("X-Pose-Prior" = Option<String>, Header, description = "`LocalizePrior` of a raw photo, as JSON")),
     request_body(description = "A photo, or multipart parts `image`, `camera` and `prior`",
@@ -56,12 +57,13 @@ pub(crate) async fn localize(
     State(app): State<Arc<App>>,
     _caller: Viewer,
     At(id): At<Uuid>,
-    Asked(asked): Asked<VersionQuery>,
+    Asked(asked): Asked<LocalizeParams>,
     request: Request,
 ) -> ApiResult<Json<LocalizeAnswer>> {
     let start = Instant::now();
     let version = app.store.version(id, asked.version).await?;
-    let Sent { query, map_ids } = read_query(&app, request).await?;
+    let Sent { mut query, map_ids } = read_query(&app, request).await?;
+    query.method = asked.method.unwrap_or_default();
     if map_ids.is_some() {
         return Err(unknown_part("map_ids"));
     }
@@ -84,7 +86,8 @@ pub(crate) async fn localize_in_maps(
     request: Request,
 ) -> ApiResult<Json<LocalizeManyAnswer>> {
     let start = Instant::now();
-    let Sent { query, map_ids } = read_query(&app, request).await?;
+    let Sent { mut query, map_ids } = read_query(&app, request).await?;
+    query.method = asked.method.unwrap_or_default();
     let ids = match (asked.map_ids, map_ids) {
         (Some(ids), None) | (None, Some(ids)) => parse_ids(&ids)?,
         _ => return Err(bad_ids("map_ids must come once, in the query or in the form")),
@@ -210,6 +213,7 @@ pub(crate) async fn localize_in(
         map_dir: map_dir.display().to_string(),
         camera: query.camera,
         prior: query.prior,
+        method: query.method,
         encoding: query.encoding,
         width: query.width,
         height: query.height,

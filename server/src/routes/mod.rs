@@ -10,6 +10,7 @@ pub(crate) mod jobs;
 pub(crate) mod localize;
 pub(crate) mod maps;
 pub(crate) mod priors;
+pub(crate) mod render;
 pub(crate) mod service;
 pub(crate) mod tokens;
 pub(crate) mod uploads;

@@ -9,7 +9,7 @@ use std::{
 use bytes::Bytes;
 use tokio::sync::Notify;
 use volery_api::{
-    MapVersion,
+    LocalizeMethod, MapVersion,
     ws::{FrameHeader, ServerBody, StreamMode, StreamOpen},
 };
 
@@ -130,6 +130,8 @@ async fn answer_frames(shared: Arc<Shared>, version: MapVersion) {
             image: payload,
             camera: shared.open.camera.clone(),
             prior: header.prior,
+            // Frames come faster than views can be drawn.
+            method: LocalizeMethod::Pnp,
             encoding: header.encoding,
             width: header.width,
             height: header.height,

@@ -124,6 +124,7 @@ fn answer() {
         let request: Value = serde_json::from_slice(&header).expect("JSON");
         let reply = serde_json::to_vec(&reply(&request, &payload)).expect("JSON");
         let picture = match request["op"].as_str() {
+            Some("render") => format!("a {} picture", request["render"]["what"]),
             Some("thumbnail") => format!("{} pixels, answer {number}", request["max_side"]),
             _ => String::new(),
         };
@@ -170,6 +171,10 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
                 "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
                 "timings": {"features_ms": 1.0}})
         }
+        Some("render") if request["render"]["camera"]["width"] == 9999 => {
+            json!({"ok": false, "code": "too_large", "detail": "too many pixels"})
+        }
+        Some("render") => json!({"ok": true, "surface": "mesh"}),
         Some("align") => {
             fs::create_dir_all(path("out_dir")).expect("room");
             fs::write(path("out_dir").join("map.json"), r#"{"scale":{"metric":true}}"#)

@@ -14,6 +14,7 @@ mod frame;
 mod raster;
 mod shade;
 mod simd;
+mod texture;
 mod triangle;
 
 pub use mesh::{DrawableMesh, MeshError};

@@ -1,7 +1,9 @@
 //! A mesh made ready to be drawn many times.
 
 use nalgebra::{Point3, Vector3};
-use volery_scene::TriangleMesh;
+use volery_scene::{TexturedMesh, TriangleMesh};
+
+use crate::texture::Paint;
 
 /// Most triangles and most vertices of a cluster.
 pub(crate) const CLUSTER: usize = 128;
@@ -25,6 +27,10 @@ pub enum MeshError {
         /// Position in the list.
         vertex: usize,
     },
+    /// Places in the texture are not as many as the vertices, or the texture has no or too few
+    /// pixels.
+    #[error("the texture does not fit the mesh")]
+    WrongTexture,
     /// The colors are not as many as the vertices, nor none.
     #[error("{num_colors} colors for {num_vertices} vertices")]
     WrongColors {
@@ -43,6 +49,7 @@ pub struct DrawableMesh {
     pub(crate) origin: Point3<f64>,
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) colors: Vec<[u8; 3]>,
+    pub(crate) paint: Option<Paint>,
     /// In the order of the clusters.
     pub(crate) triangles: Vec<[u32; 3]>,
     pub(crate) clusters: Vec<Cluster>,
@@ -68,6 +75,28 @@ impl DrawableMesh {
     ///
     /// [`MeshError`] for indices, coordinates or colors that make no sense.
     pub fn new(mesh: &TriangleMesh) -> Result<Self, MeshError> {
+        Ok(Self::with_flags(mesh, |_| false)?.0)
+    }
+
+    /// Prepares a mesh with a picture on it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`], and [`MeshError::WrongTexture`].
+    pub fn with_texture(textured: &TexturedMesh) -> Result<Self, MeshError> {
+        let mut paint = Paint::new(textured)?;
+        let is_textured = |triangle: usize| triangle < textured.num_textured;
+        let (mut drawable, flags) = Self::with_flags(&textured.mesh, is_textured)?;
+        paint.is_textured = flags;
+        drawable.paint = Some(paint);
+        Ok(drawable)
+    }
+
+    /// With a flag of each triangle, in the order of the clusters.
+    fn with_flags(
+        mesh: &TriangleMesh,
+        flag: impl Fn(usize) -> bool,
+    ) -> Result<(Self, Vec<bool>), MeshError> {
         check(mesh)?;
         let (origin, half) = bounds(mesh.vertices.iter().map(|v| v.coords));
         let relative = |v: &Point3<f64>| -> [f32; 3] { (v.coords - origin).cast::<f32>().into() };
@@ -77,19 +106,22 @@ impl DrawableMesh {
         } else {
             mesh.colors.clone()
         };
-        let mut ordered: Vec<(u32, [u32; 3])> = mesh
+        let mut ordered: Vec<(u32, [u32; 3], bool)> = mesh
             .triangles
             .iter()
-            .filter(|[a, b, c]| a != b && b != c && a != c)
-            .map(|t| {
+            .enumerate()
+            .filter(|(_, [a, b, c])| a != b && b != c && a != c)
+            .map(|(number, t)| {
                 let [a, b, c] = t.map(|v| Vector3::from(positions[v as usize]).cast::<f64>());
-                (place_in_order(&((a + b + c) / 3.0), &half), *t)
+                (place_in_order(&((a + b + c) / 3.0), &half), *t, flag(number))
             })
             .collect();
-        ordered.sort_by_key(|(place, _)| *place);
-        let triangles: Vec<[u32; 3]> = ordered.into_iter().map(|(_, t)| t).collect();
+        ordered.sort_by_key(|(place, ..)| *place);
+        let (triangles, flags): (Vec<[u32; 3]>, _) =
+            ordered.into_iter().map(|(_, t, flag)| (t, flag)).unzip();
         let clusters = clusters(&triangles, &positions);
-        Ok(Self { origin: origin.into(), positions, colors, triangles, clusters })
+        let origin = origin.into();
+        Ok((Self { origin, positions, colors, paint: None, triangles, clusters }, flags))
     }
 
     /// Number of triangles.

@@ -86,10 +86,11 @@ impl VirtualCamera {
         cam_from_world: &Isometry3<f64>,
     ) -> Rendering {
         let view = crate::raster::View::new(mesh, cam_from_world);
+        let focal = self.camera.mean_focal() as f32;
         let shown = view.clusters_in(mesh, &self.rays.bounds, self.near);
         self.draw(|band| {
             crate::simd::raster(level, mesh, &view, &shown, self, band);
-            crate::shade::shade(mesh, &view, &self.rays, band);
+            crate::shade::shade(mesh, &view, &self.rays, focal, band);
         })
     }
 

@@ -6,7 +6,7 @@ use nalgebra::{Point2, Point3, Vector3};
 use support::{add_quad, camera, pose, seen_at};
 use volery_geometry::{Camera, CameraModel, Rng, SimdLevel};
 use volery_rendering::{DrawableMesh, MeshError, Rendering, VirtualCamera};
-use volery_scene::TriangleMesh;
+use volery_scene::{Texture, TexturedMesh, TriangleMesh};
 use volery_synthetic::{Hall, Renderer, random_walk};
 
 fn draw(camera: &Camera, mesh: &TriangleMesh) -> Rendering {
@@ -247,6 +247,52 @@ fn colors_follow_the_perspective() {
         seen += 1;
     }
     assert!(seen > 20_000, "{seen}");
+}
+
+/// A picture on a slanted wall: every pixel has the color of its place, near and far; triangles
+/// past the textured ones show their vertices' colors.
+#[test]
+fn pictures_lie_where_they_should() {
+    let camera = camera(CameraModel::OpenCv);
+    let corner = Point3::new(-3.0, -2.0, 1.2);
+    let (u, v) = (Vector3::new(6.0, 0.0, 4.0), Vector3::y() * 4.0);
+    let mut mesh = TriangleMesh::default();
+    add_quad(&mut mesh, corner, u, v, [0; 3]);
+    add_quad(&mut mesh, Point3::new(-9.0, -9.0, 20.0), u * 9.0, v * 9.0, [7, 8, 9]);
+    // Smooth along x and y, so that places can be read from colors.
+    let texture = Texture {
+        width: 250,
+        height: 200,
+        pixels: (0..250 * 200).map(|k| [(k % 250) as u8, (k / 250) as u8, 100]).collect(),
+    };
+    let square = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let uvs = [square, square].concat();
+    let textured = TexturedMesh { mesh, uvs, num_textured: 2, texture };
+    let drawable = DrawableMesh::with_texture(&textured).unwrap();
+    let drawn = VirtualCamera::new(&camera).draw_mesh(&drawable, &pose());
+    let normal = u.cross(&v);
+    let mut seen = 0;
+    for (k, ray) in rays(&camera) {
+        let on = ray * (normal.dot(&corner.coords) / normal.dot(&ray)) - corner.coords;
+        let place = [u, v].map(|axis| on.dot(&axis) / axis.norm_squared());
+        if drawn.colors[k] == [7, 8, 9] || place.iter().any(|p| !(0.02..0.98).contains(p)) {
+            continue;
+        }
+        let truth = [250.0 * place[0] - 0.5, 200.0 * place[1] - 0.5];
+        for c in 0..2 {
+            let error = (f64::from(drawn.colors[k][c]) - truth[c]).abs();
+            // Coarse levels are read at the middle of their texels.
+            assert!(error < 2.5, "{k}: {:?} {truth:?}", drawn.colors[k]);
+        }
+        seen += 1;
+    }
+    assert!(seen > 20_000, "{seen}");
+    assert!(drawn.colors.iter().filter(|c| **c == [7, 8, 9]).count() > 1000);
+    let bare = TexturedMesh { uvs: Vec::new(), ..textured.clone() };
+    assert_eq!(DrawableMesh::with_texture(&bare).unwrap_err(), MeshError::WrongTexture);
+    let mut cut = textured;
+    cut.texture.pixels.pop();
+    assert_eq!(DrawableMesh::with_texture(&cut).unwrap_err(), MeshError::WrongTexture);
 }
 
 #[test]

@@ -112,11 +112,7 @@ fn equations(
 }
 
 /// Correlation of the points' values with what the photo shows at them.
-pub(crate) fn correlation(
-    points: &[ViewPoint],
-    level: &Level,
-    cam_from_key: &Isometry3<f64>,
-) -> Option<f64> {
+fn correlation(points: &[ViewPoint], level: &Level, cam_from_key: &Isometry3<f64>) -> Option<f64> {
     let projector = Projector::new(level, cam_from_key);
     let (mut n, mut s) = (0.0, [0.0_f64; 5]);
     for point in points {

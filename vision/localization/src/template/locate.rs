@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Translation3, UnitQuaternion,
 use volery_estimation::absolute_pose::{
     AbsolutePoseOptions, RefinedPose, estimate_absolute_pose, refine_absolute_pose,
 };
+use volery_geometry::Camera;
 use volery_geometry::triangulation::camera_center;
 use volery_rendering::{DrawableMesh, VirtualCamera};
 use volery_scene::GrayImage;
@@ -17,7 +18,6 @@ use super::similarity::Similarity;
 use super::working::{Level, Working, radius_at};
 use crate::acceptance::{covariance_in_map, num_cells};
 use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
-use volery_geometry::Camera;
 
 /// Which places are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
