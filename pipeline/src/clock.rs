@@ -29,7 +29,14 @@ impl Stopwatch {
     /// The line of the report.
     pub(crate) fn stage(&self, name: &str, units: usize, cached: usize) -> StageReport {
         let (wall_s, cpu_s) = (self.wall_s(), self.cpu_s());
-        StageReport { name: name.to_owned(), wall_s, cpu_s, units, cached }
+        StageReport {
+            name: name.to_owned(),
+            wall_s,
+            cpu_s,
+            units,
+            cached,
+            peak_rss_mib: peak_rss_mib(),
+        }
     }
 }
 

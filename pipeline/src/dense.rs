@@ -11,6 +11,7 @@ use crate::{
     files::Files,
     ingest::Ingested,
     options::StageOptions,
+    report_surface::{DepthPicture, pictures},
     spec::JobSpec,
     summary::DenseSummary,
 };
@@ -23,6 +24,8 @@ pub(crate) struct Dense {
     /// Hash of what it was made from.
     pub(crate) key: Key,
     pub(crate) summary: DenseSummary,
+    /// A few photos beside their depth maps; none once the depth maps are gone.
+    pub(crate) pictures: Vec<DepthPicture>,
     /// Whether it came from the cache.
     pub(crate) cached: bool,
 }
@@ -44,12 +47,14 @@ pub(crate) fn dense(
     progress: &dyn Progress,
 ) -> Result<Dense, PipelineError> {
     let key = key(ingested, model, options);
+    let shelf = UnitShelf { cache: units, key };
     if let Some((summary, ply)) = cache.get(&key).and_then(|bytes| from_cache(&bytes))
         && let Ok(cloud) = read_ply_of_cloud(&ply)
     {
-        return Ok(Dense { cloud, ply, key, summary, cached: true });
+        let images: Vec<ImageId> = model.images.keys().copied().collect();
+        let pictures = pictures(&images, model, &shelf, &options.dense);
+        return Ok(Dense { cloud, ply, key, summary, pictures, cached: true });
     }
-    let shelf = UnitShelf { cache: units, key };
     let files = Files { spec, ingested };
     let made = || reconstruct_dense(model, &files, &shelf, &options.dense, progress);
     let made = match made() {
@@ -60,8 +65,9 @@ pub(crate) fn dense(
         }
         made => made,
     };
-    let Made { cloud, images, num_pixels: [num_pixels, num_known], cell } =
-        made.map_err(failure)?;
+    let made = made.map_err(failure)?;
+    let pictures = pictures(&made.images, model, &shelf, &options.dense);
+    let Made { cloud, images, num_pixels: [num_pixels, num_known], cell } = made;
     let summary = DenseSummary {
         num_depth_maps: images.len(),
         num_pixels,
@@ -80,7 +86,7 @@ pub(crate) fn dense(
     }
     let ply = write_ply_of_cloud(&cloud);
     cache.put(&key, &to_cache(&summary, &ply)?)?;
-    Ok(Dense { cloud, ply, key, summary, cached: false })
+    Ok(Dense { cloud, ply, key, summary, pictures, cached: false })
 }
 
 fn key(ingested: &Ingested, model: &SparseModel, options: &StageOptions) -> Key {

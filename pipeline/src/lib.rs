@@ -22,6 +22,7 @@ mod pair_log;
 mod photo;
 mod report;
 mod report_html;
+mod report_surface;
 mod run;
 mod surface;
 mod view;

@@ -14,6 +14,7 @@ use crate::{
     ingest::Fate,
     map_folder::file,
     report_html,
+    report_surface::DepthPicture,
     run::{Trace, advice_for},
     spec::JobSpec,
     summary::{CameraReport, ImageReport, Summary, Warning},
@@ -75,12 +76,13 @@ pub(crate) fn summarize(
 pub(crate) fn write(
     summary: &Summary,
     map: Option<&EnvironmentMap>,
+    pictures: &[DepthPicture],
     out_dir: &Path,
 ) -> Result<(), PipelineError> {
     let json = serde_json::to_vec_pretty(summary)
         .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
     write_atomic(&out_dir.join(file::REPORT), &json)?;
-    let html = report_html::page(summary, map);
+    let html = report_html::page(summary, map, pictures);
     write_atomic(&out_dir.join(file::REPORT_HTML), html.as_bytes())
 }
 

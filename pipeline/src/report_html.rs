@@ -7,6 +7,7 @@ use volery_scene::{EnvironmentMap, Verdict};
 
 use crate::{
     export::bounds,
+    report_surface::{DepthPicture, section},
     summary::{ImageReport, Summary},
 };
 
@@ -21,14 +22,18 @@ padding:0 1rem;color:#1b1b1b}table{border-collapse:collapse;width:100%}\
 td,th{border-bottom:1px solid #ddd;padding:.25rem .5rem;text-align:left}\
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}\
 .good{color:#17692b}.suspect{color:#9a6200}.failed{color:#a3161a}\
-svg{background:#f6f6f4;border:1px solid #ddd;max-width:100%;height:auto}\
+img{max-width:100%}svg{background:#f6f6f4;border:1px solid #ddd;max-width:100%;height:auto}\
 tr.off td{color:#a3161a}";
 
 /// The page.
-pub(crate) fn page(summary: &Summary, map: Option<&EnvironmentMap>) -> String {
+pub(crate) fn page(
+    summary: &Summary,
+    map: Option<&EnvironmentMap>,
+    pictures: &[DepthPicture],
+) -> String {
     let mut html = String::with_capacity(64 << 10);
     // Writing to a string cannot fail.
-    let _ = write_page(&mut html, summary, map);
+    let _ = write_page(&mut html, summary, map, pictures);
     html
 }
 
@@ -36,6 +41,7 @@ fn write_page(
     html: &mut String,
     summary: &Summary,
     map: Option<&EnvironmentMap>,
+    pictures: &[DepthPicture],
 ) -> std::fmt::Result {
     let (class, verdict) = match summary.quality.verdict {
         Verdict::Good => ("good", "good"),
@@ -59,6 +65,7 @@ fn write_page(
         html.push_str("<h2>Top view</h2>");
         top_view(html, map)?;
     }
+    section(html, summary, pictures)?;
     if !summary.warnings.is_empty() {
         html.push_str("<h2>Warnings</h2>");
         list(
@@ -75,17 +82,18 @@ fn write_page(
     }
     html.push_str(
         "<h2>Stages</h2><table><tr><th>stage<th class=n>units<th class=n>cached\
-         <th class=n>wall s<th class=n>CPU s",
+         <th class=n>wall s<th class=n>CPU s<th class=n>peak MiB so far",
     );
     for stage in &summary.stages {
         write!(
             html,
-            "<tr><td>{}<td class=n>{}<td class=n>{}<td class=n>{:.2}<td class=n>{:.2}",
+            "<tr><td>{}<td class=n>{}<td class=n>{}<td class=n>{:.2}<td class=n>{:.2}<td class=n>{}",
             escape(&stage.name),
             stage.units,
             stage.cached,
             stage.wall_s,
-            stage.cpu_s
+            stage.cpu_s,
+            stage.peak_rss_mib.map_or(String::new(), |mib| format!("{mib:.0}"))
         )?;
     }
     write!(

@@ -59,7 +59,7 @@ pub(crate) fn reconstruct(
         Ok((map, info)) => {
             let summarize = |trace: &Trace| {
                 let summary = report::summarize(spec, trace, Some(&map), None, &clock);
-                report::write(&summary, Some(&map), out_dir)?;
+                report::write(&summary, Some(&map), &trace.surface.pictures, out_dir)?;
                 Ok(summary)
             };
             let Some(ingested) = &trace.ingested else { return summarize(&trace) };
@@ -74,7 +74,7 @@ pub(crate) fn reconstruct(
         Err(error) => {
             if !error.is_cancelled() && trace.ingested.is_some() {
                 let summary = report::summarize(spec, &trace, None, Some(&error), &clock);
-                report::write(&summary, None, out_dir)?;
+                report::write(&summary, None, &[], out_dir)?;
             }
             Err(error)
         }

@@ -76,6 +76,9 @@ pub struct StageReport {
     pub units: usize,
     /// Units that came from the cache.
     pub cached: usize,
+    /// Largest resident set of the process so far, MiB.
+    #[serde(default)]
+    pub peak_rss_mib: Option<f64>,
 }
 
 /// What came of the dense reconstruction.

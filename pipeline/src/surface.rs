@@ -16,6 +16,7 @@ use crate::{
     map_folder::{MapInfo, file},
     mesh::{mesh, textured_glb},
     options::{MeshOptions, StageOptions},
+    report_surface::DepthPicture,
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
 };
@@ -26,6 +27,7 @@ pub(crate) struct SurfaceTrace {
     pub(crate) dense: Option<DenseSummary>,
     pub(crate) mesh: Option<MeshSummary>,
     pub(crate) stages: Vec<StageReport>,
+    pub(crate) pictures: Vec<DepthPicture>,
 }
 
 /// Adds the dense cloud and the mesh to the map folder, as far as the job asks for them and they
@@ -64,6 +66,7 @@ pub(crate) fn add_surface(
     let units = dense.summary.num_depth_maps;
     trace.stages.push(watch.stage("dense", units, usize::from(dense.cached) * units));
     trace.dense = Some(dense.summary.clone());
+    trace.pictures.clone_from(&dense.pictures);
     if !spec.runs(StageGroup::Mesh) {
         return Ok(trace);
     }

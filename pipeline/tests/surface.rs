@@ -124,6 +124,9 @@ fn photos_become_a_mesh_that_is_true_to_the_hall() {
     assert_eq!(summary.num_registered, spec.images.len(), "{:?}", summary.quality);
     assert_eq!(summary.surface_error(), None);
     check_against_the_hall(&scan, &calm, &summary);
+    let report = fs::read_to_string(calm.join("report.html")).unwrap();
+    assert!(report.contains("<h2>Surface</h2>"));
+    assert_eq!(report.matches("data:image/jpeg;base64,/9j/").count(), 8, "photos beside depths");
 
     let work = folder.0.join("work-rough");
     for stage in [Stage::DepthMaps, Stage::Fusion, Stage::Meshing, Stage::Texturing] {

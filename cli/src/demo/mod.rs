@@ -9,8 +9,9 @@ use std::{fs, path::Path, time::Instant};
 use rayon::prelude::*;
 use volery_api::{CreateJob, Job, LocalizeAnswer, LocalizeStatus, Role};
 use volery_client::{Client, LocalizeQuery};
-use volery_formats::{NamedPose, read_poses_csv};
+use volery_formats::{NamedPose, read_ply_of_mesh, read_poses_csv};
 use volery_pipeline::{CameraSpec, PipelineError, error::code};
+use volery_scene::TriangleMesh;
 use volery_server::{Config, start};
 use volery_synthetic::{DemoHall, Photo, Shot};
 
@@ -22,6 +23,9 @@ use crate::{
     serve::{own_program, runtime},
 };
 use score::{QueryScore, Score};
+
+/// The painted surface, beside the report.
+const GLB_FILE: &str = "map.glb";
 
 /// What the demo has measured, for the page and for `--json`.
 #[derive(Debug, serde::Serialize)]
@@ -70,6 +74,12 @@ pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
         let poses = client.export(outputs.map_id, "poses.csv", None).await.map_err(failed)?;
         let poses = read_poses_csv(&poses)
             .map_err(|e| PipelineError::plain("protocol", format!("poses.csv: {e}")))?;
+        let mesh = client.export(outputs.map_id, "mesh.ply", None).await.map_err(failed)?;
+        let mesh = read_ply_of_mesh(&mesh)
+            .map_err(|e| PipelineError::plain("protocol", format!("mesh.ply: {e}")))?;
+        let glb = client.export(outputs.map_id, "map.glb", None).await.map_err(failed)?;
+        let path = out.join(GLB_FILE);
+        fs::write(&path, glb).map_err(|e| PipelineError::io(&path, &e))?;
         let map = client.map(outputs.map_id).await.map_err(failed)?.active.info;
         let mut answers = Vec::new();
         for shot in &hall.queries {
@@ -80,7 +90,7 @@ pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
         }
         done("localization");
         server.stop().await;
-        report(&hall, &poses, &answers, job, map)
+        report(&hall, &poses, &mesh, &answers, job, map)
     })?;
     let report = DemoReport { seconds, ..report };
     let page = page::page(&hall, &report);
@@ -145,6 +155,7 @@ async fn reconstruct(
 fn report(
     hall: &DemoHall,
     poses: &[NamedPose],
+    mesh: &TriangleMesh,
     answers: &[LocalizeAnswer],
     job: Job,
     map: serde_json::Value,
@@ -157,7 +168,7 @@ fn report(
         .zip(answers)
         .map(|(shot, answer)| score::query(shot, answer, &world_from_map))
         .collect();
-    let score = score.with_queries(&queries);
+    let score = score.with_queries(&queries).with_mesh(mesh, hall, &world_from_map);
     Ok(DemoReport { score, queries, job, map, seconds: Vec::new() })
 }
 
@@ -183,6 +194,11 @@ fn print_text(report: &DemoReport, page: &Path) {
         "          scale error {:.2} %, gravity error {:.2} deg",
         score.scale_error * 100.0,
         score.gravity_deg
+    );
+    println!(
+        "mesh      {} triangles, median {:.1} mm from the true surfaces: {GLB_FILE}",
+        score.num_triangles,
+        score.mesh_m * 1e3
     );
     println!(
         "queries   {} of {} placed, median {:.1} mm, {:.3} deg",

@@ -38,6 +38,14 @@ fn write_page(html: &mut String, hall: &DemoHall, report: &DemoReport) -> std::f
         ("rotation error", format!("{:.3}° median", score.rotation_deg)),
         ("scale error", format!("{:.2} %", score.scale_error * 100.0)),
         ("gravity error", format!("{:.2}°", score.gravity_deg)),
+        (
+            "mesh",
+            format!(
+                "<a href=map.glb>{} triangles</a>, median {:.1} mm from the true surfaces",
+                score.num_triangles,
+                score.mesh_m * 1e3
+            ),
+        ),
         ("queries placed", format!("{} of {}", score.num_localized, score.num_queries)),
         (
             "error of the queries",

@@ -6,6 +6,7 @@ use serde::Serialize;
 use volery_api::{LocalizeAnswer, LocalizeStatus};
 use volery_formats::NamedPose;
 use volery_geometry::{Isometry3, Point3, Similarity3, Vector3, similarity_from_points};
+use volery_scene::TriangleMesh;
 use volery_synthetic::{DemoHall, Shot};
 
 use crate::localize::pose_of;
@@ -29,6 +30,10 @@ pub(crate) struct Score {
     pub(crate) query_m: f64,
     /// Median rotation error of the answers.
     pub(crate) query_deg: f64,
+    /// Triangles of the mesh.
+    pub(crate) num_triangles: usize,
+    /// Median distance of its vertices to the true surfaces, meters.
+    pub(crate) mesh_m: f64,
     /// Camera centers of the map in the world, for the plot.
     #[serde(skip)]
     pub(crate) centers: Vec<(Point3<f64>, Point3<f64>)>,
@@ -80,6 +85,8 @@ pub(crate) fn map(hall: &DemoHall, poses: &[NamedPose]) -> Option<(Score, Simila
         num_localized: 0,
         query_m: 0.0,
         query_deg: 0.0,
+        num_triangles: 0,
+        mesh_m: 0.0,
         centers,
     };
     Some((score, world_from_map))
@@ -120,12 +127,25 @@ impl Score {
         }
     }
 
-    /// Nearly all photos in the map, to centimeters, and most queries placed in it.
+    pub(crate) fn with_mesh(
+        self,
+        mesh: &TriangleMesh,
+        hall: &DemoHall,
+        world_from_map: &Similarity3<f64>,
+    ) -> Self {
+        let room = &hall.hall.room;
+        let off = mesh.vertices.iter().map(|v| room.distance_to_surface(&(world_from_map * v)));
+        Self { num_triangles: mesh.triangles.len(), mesh_m: median(off), ..self }
+    }
+
+    /// Nearly all photos in the map, to centimeters, a mesh, and most queries placed in it.
     pub(crate) fn is_as_promised(&self) -> bool {
         self.num_registered * 10 >= self.num_scan * 9
             && self.ate_m < 0.03
             && self.num_localized * 4 >= self.num_queries * 3
             && self.query_m < 0.03
+            && self.num_triangles > 0
+            && self.mesh_m < 0.05
     }
 }
 
