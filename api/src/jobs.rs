@@ -13,6 +13,29 @@ pub enum JobKind {
     /// Photos to a map.
     #[default]
     Reconstruct,
+    /// Maps that share a part to one map.
+    RegisterMaps,
+    /// Photos join a map.
+    ExtendMap,
+}
+
+impl JobKind {
+    /// Every kind.
+    pub const ALL: [Self; 3] = [Self::Reconstruct, Self::RegisterMaps, Self::ExtendMap];
+
+    /// Its name on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reconstruct => "reconstruct",
+            Self::RegisterMaps => "register_maps",
+            Self::ExtendMap => "extend_map",
+        }
+    }
+
+    /// By its name on the wire.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
 }
 
 /// A job to do.
@@ -22,10 +45,17 @@ pub struct CreateJob {
     /// What to do.
     #[serde(default)]
     pub kind: JobKind,
-    /// Whose images to use, in order.
-    #[schema(min_items = 1, max_items = 100)]
+    /// Whose images to use, in order: one at least, but for `register_maps`, which takes none.
+    #[schema(max_items = 100)]
+    #[serde(default)]
     pub imageset_ids: Vec<Uuid>,
-    /// The map that gets a new version; a new map when absent.
+    /// With `register_maps`, the maps to join, two at least; the result is in the frame of the
+    /// first.
+    #[schema(max_items = 16)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub map_ids: Vec<Uuid>,
+    /// The map that gets a new version; a new map when absent. With `extend_map`, the map that the
+    /// photos join.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map_id: Option<Uuid>,
     /// Name of a new map.
@@ -56,6 +86,35 @@ pub struct CreateJob {
     /// Higher first.
     #[serde(default)]
     pub priority: i32,
+}
+
+/// Maps to join.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RegisterMaps {
+    /// Two maps or more; their active versions are joined in the frame of the first.
+    #[schema(min_items = 2, max_items = 16)]
+    pub maps: Vec<Uuid>,
+    /// The map that gets the result as a new version; a new map when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map_id: Option<Uuid>,
+    /// Name of a new map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map_name: Option<String>,
+    /// Seed of every random choice.
+    #[serde(default)]
+    pub seed: u64,
+    /// Higher first.
+    #[serde(default)]
+    pub priority: i32,
+}
+
+impl From<RegisterMaps> for CreateJob {
+    fn from(request: RegisterMaps) -> Self {
+        let RegisterMaps { maps, map_id, map_name, seed, priority } = request;
+        let kind = JobKind::RegisterMaps;
+        Self { kind, map_ids: maps, map_id, map_name, seed, priority, ..Self::default() }
+    }
 }
 
 /// Where a job stands.
@@ -259,7 +318,7 @@ pub struct JobsQuery {
     /// Only jobs in this state: `queued`, `running`, `succeeded`, `partial`, `failed`,
     /// `cancelled`.
     pub state: Option<String>,
-    /// Only jobs of this kind: `reconstruct`.
+    /// Only jobs of this kind: `reconstruct`, `register_maps`, `extend_map`.
     pub kind: Option<String>,
     /// Most items to answer, 1 to 1000; 100 when absent.
     #[param(minimum = 1, maximum = 1000)]

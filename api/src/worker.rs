@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    AlignRequest, Camera, KnownDistance, Localization, LocalizeMethod, LocalizePrior, OriginRule,
-    Preset, Prior, RenderRequest, StageGroup,
+    AlignRequest, Camera, JobKind, KnownDistance, Localization, LocalizeMethod, LocalizePrior,
+    OriginRule, Preset, Prior, RenderRequest, StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -40,10 +40,16 @@ pub const PARENT_VARIABLE: &str = "VOLERY_PARENT_PID";
 /// Longest header of a message, bytes.
 pub const MAX_WORKER_HEADER: usize = 16 << 20;
 
-/// What a child reconstructs.
+/// What a child does.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JobSpec {
+    /// Which of the things a child can do.
+    #[serde(default)]
+    pub kind: JobKind,
+    /// The maps to join; for `extend_map` the one that the photos join.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub maps: Vec<JobMap>,
     /// In the order of the flight.
     pub images: Vec<JobImage>,
     /// Intrinsics of every image that has none of its own; kept fixed.
@@ -68,6 +74,16 @@ pub struct JobSpec {
     /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     #[serde(default)]
     pub stages: Vec<StageGroup>,
+}
+
+/// One map of a [`JobSpec`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JobMap {
+    /// For the report, and for photos whose name is taken.
+    pub name: String,
+    /// Map folder.
+    pub path: String,
 }
 
 /// One photo of a [`JobSpec`].

@@ -210,6 +210,32 @@ pub(crate) enum MapsCommand {
         /// Of the map.
         id: Uuid,
     },
+    /// Join maps that share a part, in the frame of the first.
+    Register {
+        /// Of the maps; two at least.
+        #[arg(required = true, num_args = 2..)]
+        ids: Vec<Uuid>,
+        /// Map that gets the result as a new version; a new map when absent.
+        #[arg(long)]
+        map: Option<Uuid>,
+        /// Name of a new map.
+        #[arg(long)]
+        name: Option<String>,
+        /// Watch the job to its end.
+        #[arg(long)]
+        wait: bool,
+    },
+    /// Let photos join a map.
+    Extend {
+        /// Of the map.
+        id: Uuid,
+        /// Of the image sets with the photos.
+        #[arg(required = true)]
+        imagesets: Vec<Uuid>,
+        /// Watch the job to its end.
+        #[arg(long)]
+        wait: bool,
+    },
 }
 
 #[derive(Debug, Args)]

@@ -6,8 +6,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
-    Camera, CreateJob, Job, JobEvent, JobState, KnownDistance, LocalizePrior, PositionPrior,
-    Preset, Prior, UploadStatus,
+    Camera, CreateJob, Job, JobEvent, JobKind, JobState, KnownDistance, LocalizePrior,
+    PositionPrior, Preset, Prior, RegisterMaps, UploadStatus,
 };
 use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
 use volery_formats::NamedPose;
@@ -216,9 +216,36 @@ pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: boo
                 client.delete_map(*id).await.map_err(failed)?;
                 show(&serde_json::json!({ "deleted": id }), json, |_| format!("{id} is gone"));
             }
+            Some(MapsCommand::Register { ids, map, name, wait }) => {
+                let request = RegisterMaps {
+                    maps: ids.clone(),
+                    map_id: *map,
+                    map_name: name.clone(),
+                    ..RegisterMaps::default()
+                };
+                let job = client.register_maps(&request).await.map_err(failed)?;
+                return show_job(&client, job, *wait, json).await;
+            }
+            Some(MapsCommand::Extend { id, imagesets, wait }) => {
+                let request = CreateJob {
+                    kind: JobKind::ExtendMap,
+                    map_id: Some(*id),
+                    imageset_ids: imagesets.clone(),
+                    ..CreateJob::default()
+                };
+                let job = client.create_job(&request).await.map_err(failed)?;
+                return show_job(&client, job, *wait, json).await;
+            }
         }
         Ok(Ending::Done)
     })
+}
+
+/// Tells of a job that was queued, at once or at its end.
+async fn show_job(client: &Client, job: Job, wait: bool, json: bool) -> Outcome {
+    let job = if wait { watch(client, job.id).await? } else { job };
+    show(&job, json, job_line);
+    if wait { ending_of(&job) } else { Ok(Ending::Done) }
 }
 
 pub(crate) fn export(

@@ -75,6 +75,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(jobs::job_log))
         .routes(routes!(jobs::job_report))
         .routes(routes!(maps::list_maps))
+        .routes(routes!(jobs::register_maps))
         .routes(routes!(maps::get_map, maps::patch_map, maps::delete_map))
         .routes(routes!(maps::list_versions))
         .routes(routes!(maps::activate_version))

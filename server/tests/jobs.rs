@@ -53,6 +53,61 @@ async fn photos_become_a_map() {
     client.get(&format!("/v1/maps/{map}")).await.expect(200);
 }
 
+/// Maps are joined by a job of its own kind; what makes no sense is refused before it waits.
+#[tokio::test]
+async fn maps_are_joined_and_extended() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let mut maps = Vec::new();
+    for name in ["a.jpg", "b.jpg"] {
+        let job = client.reconstruct(&[name]).await;
+        let job = client.finished(&job).await;
+        maps.push(job["outputs"]["map_id"].as_str().unwrap().to_owned());
+    }
+    let request = json!({"maps": maps, "map_name": "both"});
+    let queued = client.post("/v1/maps:register", request).await.expect(202);
+    let job = queued.json();
+    assert_eq!(
+        queued.header("location").unwrap(),
+        format!("/v1/jobs/{}", job["id"].as_str().unwrap())
+    );
+    let job = client.finished(job["id"].as_str().unwrap()).await;
+    assert_eq!((&job["state"], &job["kind"]), (&json!("succeeded"), &json!("register_maps")));
+    let joined = job["outputs"]["map_id"].as_str().unwrap();
+    assert!(!maps.iter().any(|map| map == joined));
+    let map = client.get(&format!("/v1/maps/{joined}")).await.expect(200).json();
+    assert_eq!(map["name"], "both");
+
+    let set = client.imageset(&["c.jpg", "d.jpg"]).await;
+    let request = json!({"kind": "extend_map", "map_id": maps[0], "imageset_ids": [set]});
+    let job = client.post("/v1/jobs", request).await.expect(202).json();
+    let job = client.finished(job["id"].as_str().unwrap()).await;
+    assert_eq!(job["outputs"], json!({"map_id": maps[0], "version": 2}), "{job:#}");
+    let kinds = client.get("/v1/jobs?kind=extend_map").await.expect(200).json();
+    assert_eq!(kinds["items"].as_array().unwrap().len(), 1);
+
+    let unknown = "01900000-0000-7000-8000-000000000000";
+    for (request, code) in [
+        (json!({"maps": [maps[0]]}), "bad_map_ids"),
+        (json!({"maps": [maps[0], maps[0]]}), "repeated_map"),
+        (json!({"maps": [maps[0], unknown]}), "unknown_map"),
+        (json!({"maps": maps, "map_id": unknown}), "unknown_map"),
+    ] {
+        assert_eq!(client.post("/v1/maps:register", request).await.expect(422).code(), code);
+    }
+    for (request, code) in [
+        (json!({"kind": "extend_map", "imageset_ids": [set]}), "no_map"),
+        (json!({"kind": "extend_map", "map_id": maps[0]}), "no_images"),
+        (json!({"imageset_ids": [set], "map_ids": maps}), "bad_map_ids"),
+        (
+            json!({"kind": "register_maps", "map_ids": maps, "imageset_ids": [set]}),
+            "unused_imagesets",
+        ),
+    ] {
+        assert_eq!(client.post("/v1/jobs", request).await.expect(422).code(), code);
+    }
+}
+
 #[tokio::test]
 async fn the_same_key_is_the_same_job() {
     let server = Server::start().await;

@@ -123,6 +123,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-mvs",
             "volery-meshing",
             "volery-rendering",
+            "volery-registration",
             "volery-localization",
             "volery-formats",
             "volery-api",

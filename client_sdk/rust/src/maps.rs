@@ -4,8 +4,8 @@ use reqwest::{Method, header};
 use serde::de::DeserializeOwned;
 use uuid::Uuid;
 use volery_api::{
-    ActivateMap, AlignRequest, Aligned, Camera, LocalizeAnswer, LocalizeManyAnswer, LocalizeMethod,
-    LocalizePrior, Map, MapCameras, MapVersion, RenderRequest,
+    ActivateMap, AlignRequest, Aligned, Camera, Job, LocalizeAnswer, LocalizeManyAnswer,
+    LocalizeMethod, LocalizePrior, Map, MapCameras, MapVersion, RegisterMaps, RenderRequest,
 };
 
 use crate::{Client, ClientError};
@@ -74,6 +74,11 @@ impl Client {
         request: &AlignRequest,
     ) -> Result<Aligned, ClientError> {
         self.call(Method::POST, &format!("/v1/maps/{id}/align"), request).await
+    }
+
+    /// Queues a job that joins maps which share a part.
+    pub async fn register_maps(&self, request: &RegisterMaps) -> Result<Job, ClientError> {
+        self.call(Method::POST, "/v1/maps:register", request).await
     }
 
     /// Poses and cameras of a map.

@@ -8,14 +8,23 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volery_api::worker::{JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER};
+use volery_api::{
+    JobKind, StageGroup,
+    worker::{JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER},
+};
 use volery_scene::{Progress, Stage};
 
 use super::{parent, wire};
-use crate::{PipelineError, Summary, error::code, reconstruct};
+use crate::{
+    MapSource, PipelineError, RegisterReport, Summary, error::code, reconstruct, register_maps,
+    summary::Warning,
+};
 
 /// Finished units, beside the map folder.
 const CACHE_FOLDER: &str = "cache";
+
+/// Map of the photos that join another one.
+const NEW_FOLDER: &str = "new";
 
 /// Held while a worker is at the job.
 const LOCK_FILE: &str = "lock";
@@ -29,14 +38,14 @@ pub fn run_job(work_dir: &Path, is_cancelled: &(dyn Fn() -> bool + Sync)) -> std
     parent::leave_with_it();
     let lines = Lines { is_cancelled, state: Mutex::new(State::default()) };
     let result = match job(work_dir, &lines) {
-        Ok(summary) => {
-            for warning in &summary.warnings {
+        Ok((result, warnings)) => {
+            for warning in &warnings {
                 lines.write(&JobLine::Log {
                     level: "warn".to_owned(),
                     message: format!("{}: {}", warning.code, warning.detail),
                 })?;
             }
-            success(&summary)
+            result
         }
         Err(error) => JobResult {
             ok: false,
@@ -49,14 +58,36 @@ pub fn run_job(work_dir: &Path, is_cancelled: &(dyn Fn() -> bool + Sync)) -> std
     lines.write(&JobLine::Result(result))
 }
 
-fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<Summary, PipelineError> {
+fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), PipelineError> {
     let _lock = lock(&work_dir.join(LOCK_FILE))?;
     let path = work_dir.join(JOB_FILE);
     let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
     let spec: JobSpec = serde_json::from_slice(&bytes)
         .map_err(|e| PipelineError::plain(code::BAD_INPUT, format!("{JOB_FILE}: {e}")))?;
+    let (kind, seed) = (spec.kind, spec.seed);
+    let mut maps: Vec<MapSource> = spec
+        .maps
+        .iter()
+        .map(|map| MapSource { name: map.name.clone(), folder: work_dir.join(&map.path) })
+        .collect();
     let spec = wire::job_spec(spec, work_dir)?;
-    reconstruct(&spec, &work_dir.join(CACHE_FOLDER), &work_dir.join(OUT_FOLDER), lines)
+    let (cache, out) = (work_dir.join(CACHE_FOLDER), work_dir.join(OUT_FOLDER));
+    match kind {
+        JobKind::Reconstruct => {
+            let summary = reconstruct(&spec, &cache, &out, lines)?;
+            Ok((success(&summary), summary.warnings))
+        }
+        JobKind::RegisterMaps => {
+            Ok((registered(&register_maps(&maps, seed, &out, lines)?), Vec::new()))
+        }
+        JobKind::ExtendMap => {
+            let folder = work_dir.join(NEW_FOLDER);
+            let spec = crate::JobSpec { stages: vec![StageGroup::Sfm], ..spec };
+            let summary = reconstruct(&spec, &cache, &folder, lines)?;
+            maps.push(MapSource { name: "new photos".to_owned(), folder });
+            Ok((registered(&register_maps(&maps, seed, &out, lines)?), summary.warnings))
+        }
+    }
 }
 
 /// Waits for a worker that is about to leave; the lock goes with the file handle.
@@ -68,14 +99,25 @@ fn lock(path: &Path) -> Result<File, PipelineError> {
 
 fn success(summary: &Summary) -> JobResult {
     let complete = summary.is_complete();
-    let lack = (!complete).then(|| lack(summary));
+    result((!complete).then(|| {
+        let lack = lack(summary);
+        PipelineError { hint: lack.hint.or_else(|| summary.advice.first().cloned()), ..lack }
+    }))
+}
+
+fn registered(report: &RegisterReport) -> JobResult {
+    result(report.lack())
+}
+
+/// A map is there; it may lack something.
+fn result(lack: Option<PipelineError>) -> JobResult {
     JobResult {
         ok: true,
-        state: Some(if complete { "succeeded" } else { "partial" }.to_owned()),
+        state: Some(if lack.is_none() { "succeeded" } else { "partial" }.to_owned()),
         map: Some(PathBuf::from(OUT_FOLDER).to_string_lossy().into_owned()),
         code: lack.as_ref().map(|lack| lack.code.clone()),
         detail: lack.as_ref().map(|lack| lack.detail.clone()),
-        hint: lack.and_then(|lack| lack.hint.or_else(|| summary.advice.first().cloned())),
+        hint: lack.and_then(|lack| lack.hint),
     }
 }
 

@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 
 use volery_api::{
-    CreateJob, Image,
-    worker::{JOB_FILE, JobImage, JobSpec},
+    CreateJob, Image, JobKind,
+    worker::{JOB_FILE, JobImage, JobMap, JobSpec},
 };
 
 use crate::{
@@ -13,7 +13,8 @@ use crate::{
     store::{JobRow, blobs::write_whole},
 };
 
-/// Fills the work folder of a job. The same request over the same image sets gives the same file.
+/// Fills the work folder of a job. The same request over the same image sets and maps gives the
+/// same file.
 pub(super) async fn prepare(app: &App, job: &JobRow) -> ApiResult<()> {
     let spec = spec(app, &job.request).await?;
     let text = serde_json::to_vec_pretty(&spec)?;
@@ -49,13 +50,15 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
             });
         }
     }
-    if images.is_empty() {
+    if images.is_empty() && request.kind != JobKind::RegisterMaps {
         return Err(ApiError::new(
             Code::Unprocessable("no_images"),
             "the image sets hold no images",
         ));
     }
     Ok(JobSpec {
+        kind: request.kind,
+        maps: maps(app, request).await?,
         images,
         camera: request.camera.clone(),
         known_distances: request.known_distances.clone(),
@@ -65,6 +68,18 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
         max_image_size: request.max_image_size,
         stages: request.stages.clone(),
     })
+}
+
+/// The maps that are joined with each other or with the photos, in their active versions.
+async fn maps(app: &App, request: &CreateJob) -> ApiResult<Vec<JobMap>> {
+    let extended = request.map_id.filter(|_| request.kind == JobKind::ExtendMap);
+    let mut maps = Vec::new();
+    for id in request.map_ids.iter().copied().chain(extended) {
+        let map = app.store.map(id).await?;
+        let folder = app.map_folder(&map.active).await?;
+        maps.push(JobMap { name: map.name, path: folder.display().to_string() });
+    }
+    Ok(maps)
 }
 
 /// By time if every image has one, else by name, which they come in.

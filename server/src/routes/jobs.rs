@@ -10,8 +10,8 @@ use axum::{
 };
 use uuid::Uuid;
 use volery_api::{
-    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobState, JobsQuery, KnownDistance, LogQuery,
-    Page, worker::OUT_FOLDER,
+    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobKind, JobState, JobsQuery, KnownDistance,
+    LogQuery, Page, RegisterMaps, worker::OUT_FOLDER,
 };
 
 use super::{
@@ -30,6 +30,9 @@ use crate::{
     store::PageAt,
 };
 
+/// Most maps that one job joins.
+const MAX_REGISTERED_MAPS: usize = 16;
+
 /// Queues a job.
 #[utoipa::path(post, path = "/v1/jobs", tag = "jobs", request_body = CreateJob,
     params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
@@ -40,10 +43,27 @@ pub(crate) async fn create_job(
     headers: HeaderMap,
     Body(request): Body<CreateJob>,
 ) -> ApiResult<Accepted<Job>> {
-    check_request(&app, &request).await?;
-    let identity = Identity::of(&caller, "jobs", &headers)?;
+    submit(&app, &Identity::of(&caller, "jobs", &headers)?, &request).await
+}
+
+/// Queues a job that joins maps which share a part, as `POST /v1/jobs` with the kind
+/// `register_maps` does. What each pair of maps said of the other is in the report of the job.
+#[utoipa::path(post, path = "/v1/maps:register", tag = "maps", request_body = RegisterMaps,
+    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
+    responses((status = 202, description = "It waits; `Location` says where to look", body = Job)))]
+pub(crate) async fn register_maps(
+    State(app): State<Arc<App>>,
+    Mapper(caller): Mapper,
+    headers: HeaderMap,
+    Body(request): Body<RegisterMaps>,
+) -> ApiResult<Accepted<Job>> {
+    submit(&app, &Identity::of(&caller, "maps:register", &headers)?, &request.into()).await
+}
+
+async fn submit(app: &App, identity: &Identity, request: &CreateJob) -> ApiResult<Accepted<Job>> {
+    check_request(app, request).await?;
     let (attempts, queued) = (app.config.jobs.max_attempts, app.config.limits.queued_jobs);
-    let job = app.store.insert_job(&identity, &request, attempts, queued).await?;
+    let job = app.store.insert_job(identity, request, attempts, queued).await?;
     app.job_queued.notify_one();
     Ok(accepted(job))
 }
@@ -54,6 +74,10 @@ fn accepted(job: Job) -> Accepted<Job> {
 
 async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
     let bad = |code, detail: String| Err(ApiError::new(Code::Unprocessable(code), detail));
+    check_maps(app, request).await?;
+    if request.kind == JobKind::RegisterMaps {
+        return request.map_name.as_deref().map_or(Ok(()), check_name);
+    }
     if request.imageset_ids.is_empty() {
         return bad("no_images", "imageset_ids is empty".to_owned());
     }
@@ -89,12 +113,38 @@ async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
     if images == 0 {
         return bad("no_images", "the image sets hold no images".to_owned());
     }
-    match request.map_id {
-        Some(map) if !app.store.has_map(map).await? => {
-            bad("unknown_map", format!("there is no map {map}"))
+    Ok(())
+}
+
+/// The maps that a job names, by what its kind does with them.
+async fn check_maps(app: &App, request: &CreateJob) -> ApiResult<()> {
+    let bad = |code, detail: String| Err(ApiError::new(Code::Unprocessable(code), detail));
+    let maps = &request.map_ids;
+    match request.kind {
+        JobKind::RegisterMaps if !request.imageset_ids.is_empty() => {
+            return bad("unused_imagesets", "maps are joined without image sets".to_owned());
         }
-        _ => Ok(()),
+        JobKind::RegisterMaps if !(2..=MAX_REGISTERED_MAPS).contains(&maps.len()) => {
+            let detail = format!("2 to {MAX_REGISTERED_MAPS} maps are joined, got {}", maps.len());
+            return bad("bad_map_ids", detail);
+        }
+        JobKind::Reconstruct | JobKind::ExtendMap if !maps.is_empty() => {
+            return bad("bad_map_ids", "map_ids is for the kind `register_maps`".to_owned());
+        }
+        JobKind::ExtendMap if request.map_id.is_none() => {
+            return bad("no_map", "map_id names the map that the photos join".to_owned());
+        }
+        _ => {}
     }
+    for (index, &map) in maps.iter().chain(&request.map_id).enumerate() {
+        if index < maps.len() && maps[..index].contains(&map) {
+            return bad("repeated_map", format!("map {map} is named twice"));
+        }
+        if !app.store.has_map(map).await? {
+            return bad("unknown_map", format!("there is no map {map}"));
+        }
+    }
+    Ok(())
 }
 
 /// Lists jobs, oldest first.
@@ -111,11 +161,13 @@ pub(crate) async fn list_jobs(
             ApiError::new(Code::Unprocessable("bad_state"), format!("no state is {name:?}"))
         })
     });
-    if let Some(kind) = query.kind.filter(|kind| kind != "reconstruct") {
-        let detail = format!("no kind of job is {kind:?}");
-        return Err(ApiError::new(Code::Unprocessable("bad_kind"), detail));
-    }
-    Ok(Json(app.store.jobs(state.transpose()?, at).await?))
+    let kind = query.kind.as_deref().map(|name| {
+        JobKind::from_name(name).ok_or_else(|| {
+            let detail = format!("no kind of job is {name:?}");
+            ApiError::new(Code::Unprocessable("bad_kind"), detail)
+        })
+    });
+    Ok(Json(app.store.jobs(state.transpose()?, kind.transpose()?, at).await?))
 }
 
 /// One job.

@@ -8,7 +8,7 @@ use axum::{
     http::header,
     response::{Html, IntoResponse, Response},
 };
-use volery_api::{Capabilities, Health, HealthCheck, Info};
+use volery_api::{Capabilities, Health, HealthCheck, Info, JobKind};
 
 use super::exports::EXPORTS;
 use crate::{answer::Unready, app, auth::Viewer, clock, error::ApiResult, state::App};
@@ -64,7 +64,7 @@ pub(crate) async fn info(State(app): State<Arc<App>>, _caller: Viewer) -> Json<I
             stages: owned(&["sfm", "dense", "mesh"]),
             localizers: owned(&["pnp"]),
             exports: owned(&EXPORTS),
-            jobs: owned(&["reconstruct"]),
+            jobs: owned(&JobKind::ALL.map(JobKind::name)),
         },
         limits: app.config.limits.clone(),
     })

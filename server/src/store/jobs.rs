@@ -56,13 +56,14 @@ impl Store {
         let now = clock::now_ms();
         sqlx::query(
             "INSERT INTO jobs (id, kind, request, state, priority, run_after_ms, max_attempts,
-             created_ms) VALUES (?1, 'reconstruct', ?2, 'queued', ?3, ?4, ?5, ?4)",
+             created_ms) VALUES (?1, ?6, ?2, 'queued', ?3, ?4, ?5, ?4)",
         )
         .bind(identity.id.to_string())
         .bind(&text)
         .bind(request.priority)
         .bind(now)
         .bind(max_attempts)
+        .bind(request.kind.name())
         .execute(&mut *tx)
         .await?;
         let queued = value!({ "state": "queued" });
@@ -83,16 +84,23 @@ impl Store {
     }
 
     /// Newest last.
-    pub(crate) async fn jobs(&self, state: Option<JobState>, at: PageAt) -> ApiResult<Page<Job>> {
+    pub(crate) async fn jobs(
+        &self,
+        state: Option<JobState>,
+        kind: Option<JobKind>,
+        at: PageAt,
+    ) -> ApiResult<Page<Job>> {
         let rows = sqlx::query(
             "SELECT j.*, (SELECT COUNT(*) FROM jobs q WHERE q.state = 'queued' AND
              (q.priority > j.priority OR (q.priority = j.priority AND q.seq < j.seq)))
              AS queue_position FROM jobs j
-             WHERE j.seq > ?1 AND (?2 IS NULL OR j.state = ?2) ORDER BY j.seq LIMIT ?3",
+             WHERE j.seq > ?1 AND (?2 IS NULL OR j.state = ?2) AND (?4 IS NULL OR j.kind = ?4)
+             ORDER BY j.seq LIMIT ?3",
         )
         .bind(at.after)
         .bind(state.map(JobState::name))
         .bind(at.limit + 1)
+        .bind(kind.map(JobKind::name))
         .fetch_all(&self.readers)
         .await?;
         let jobs = rows.iter().map(|row| Ok((row.try_get("seq")?, job(row)?)));
@@ -203,9 +211,10 @@ fn job(row: &SqliteRow) -> Result<Job, sqlx::Error> {
     let map_id = row.try_get::<Option<&str>, _>("map_id")?.map(uuid).transpose()?;
     let version = row.try_get::<Option<u32>, _>("map_version")?;
     let progress: &str = row.try_get("progress")?;
+    let request: CreateJob = json(row.try_get("request")?)?;
     Ok(Job {
         id: uuid(row.try_get("id")?)?,
-        kind: JobKind::Reconstruct,
+        kind: request.kind,
         state,
         stage: row.try_get("stage")?,
         progress: if progress == "{}" { Default::default() } else { json(progress)? },
@@ -218,7 +227,7 @@ fn job(row: &SqliteRow) -> Result<Job, sqlx::Error> {
         cancel_requested: row.try_get::<i64, _>("cancel_requested")? != 0,
         error: row.try_get::<Option<&str>, _>("error")?.map(json).transpose()?,
         outputs: map_id.zip(version).map(|(map_id, version)| JobOutputs { map_id, version }),
-        request: json(row.try_get("request")?)?,
+        request,
         last_event: row.try_get::<i64, _>("last_event")? as u64,
         created: clock::rfc3339(row.try_get("created_ms")?),
         started: row.try_get::<Option<i64>, _>("started_ms")?.map(clock::rfc3339),

@@ -51,6 +51,19 @@ pub(crate) struct MapImage {
     pub(crate) packed: PackedDescriptors,
 }
 
+/// The keypoints of an image that see a point, row by row, in the order of the keypoints.
+#[derive(Clone, Copy)]
+pub struct ImageRows<'a> {
+    /// Of the whole image.
+    pub global: &'a GlobalDescriptor,
+    /// Which point each row sees.
+    pub points: &'a [u32],
+    /// One per row.
+    pub descriptors: &'a [Descriptor],
+    /// The same, to be matched.
+    pub packed: &'a PackedDescriptors,
+}
+
 /// One row of an image that sees a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Sighting {
@@ -147,6 +160,17 @@ impl LocalizationIndex {
     /// Number of images.
     pub fn num_images(&self) -> usize {
         self.images.len()
+    }
+
+    /// What an image of the map knows of its points, by its position in the order of the model.
+    pub fn image_rows(&self, image: usize) -> Option<ImageRows<'_>> {
+        let MapImage { global, points, descriptors, packed, .. } = self.images.get(image)?;
+        Some(ImageRows { global, points, descriptors, packed })
+    }
+
+    /// Where a point lies, in the frame of the index.
+    pub fn position(&self, point: u32) -> Option<Point3<f64>> {
+        self.points.get(point as usize).map(|point| point.position)
     }
 
     pub(crate) fn sightings(&self, point: u32) -> &[Sighting] {

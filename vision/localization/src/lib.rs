@@ -14,7 +14,7 @@ mod map_share;
 mod refine;
 mod solve;
 
-pub use index::{IndexError, LocalizationIndex};
+pub use index::{ImageRows, IndexError, LocalizationIndex};
 pub use localize::{
     LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate, Status,
     StepTimings, localize, localize_features,

@@ -1,0 +1,135 @@
+//! A map as one part of a larger one.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use nalgebra::{Point3, Similarity3};
+use volery_features::{MatchOptions, match_features};
+use volery_geometry::KdTree;
+use volery_localization::LocalizationIndex;
+use volery_registration::CrossMatches;
+use volery_scene::{Descriptor, EnvironmentMap, FeatureMatch, ImageId, PointId};
+
+use crate::{
+    PipelineError,
+    error::code,
+    map_folder::{MapInfo, file, read_map},
+};
+
+/// Images of the other map that an image is matched with, the most similar ones.
+const NUM_SIMILAR: usize = 5;
+/// A point of the index is one of the model if it lies this near, as a share of the extent: the
+/// frame of the index may have been turned into that of the map.
+const SAME_POINT: f64 = 1e-6;
+
+/// A map folder in memory.
+pub(super) struct Part {
+    pub(super) name: String,
+    pub(super) info: MapInfo,
+    pub(super) map: EnvironmentMap,
+    pub(super) index: LocalizationIndex,
+    /// Images of the model in the order of the index.
+    images: Vec<ImageId>,
+    /// Keypoint of each row of each image of the index.
+    keypoints: Vec<Vec<Option<u32>>>,
+}
+
+impl Part {
+    pub(super) fn open(name: &str, folder: &Path) -> Result<Self, PipelineError> {
+        let (info, map) = read_map(folder)?;
+        let path = folder.join(file::LOCALIZATION);
+        let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
+        let bad =
+            |detail: String| PipelineError::new(code::BAD_MAP, detail, "reconstruct the map again");
+        let index = LocalizationIndex::from_bytes(&bytes)
+            .map_err(|e| bad(format!("{}: {e}", path.display())))?;
+        if index.num_images() != map.model.images.len() {
+            return Err(bad(format!("{}: not of this model", path.display())));
+        }
+        let images = map.model.images.keys().copied().collect();
+        let keypoints = keypoints(&info, &map, &index);
+        Ok(Self { name: name.to_owned(), info, map, index, images, keypoints })
+    }
+
+    /// Keypoints with points that look like some of `target`, image by image.
+    pub(super) fn matches_with(&self, target: &Self) -> Vec<CrossMatches> {
+        let mut found = Vec::new();
+        for (own, image) in self.images.iter().enumerate() {
+            let Some(rows) = self.index.image_rows(own) else { continue };
+            let others = (0..target.images.len()).filter_map(|i| {
+                let similarity = rows.global.similarity(target.index.image_rows(i)?.global);
+                Some((similarity, i))
+            });
+            let mut others: Vec<(f32, usize)> = others.collect();
+            others.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            for &(_, other) in others.iter().take(NUM_SIMILAR) {
+                let Some(other_rows) = target.index.image_rows(other) else { continue };
+                let matches =
+                    match_features(rows.packed, other_rows.packed, &MatchOptions::default());
+                let keypoint = |part: &Self, image: usize, row: u32| {
+                    part.keypoints[image].get(row as usize).copied().flatten()
+                };
+                let of_keypoints = matches.iter().filter_map(|m| {
+                    let feature1 = keypoint(self, own, m.feature1)?;
+                    let feature2 = keypoint(target, other, m.feature2)?;
+                    Some(FeatureMatch { feature1, feature2 })
+                });
+                let matches = of_keypoints.collect();
+                found.push(CrossMatches { source: *image, target: target.images[other], matches });
+            }
+        }
+        found
+    }
+
+    /// Descriptors of all keypoints of the image at a position; `None` where they were not kept.
+    pub(super) fn descriptors(&self, image: usize) -> Vec<Option<Descriptor>> {
+        let id = self.images[image];
+        let mut all = vec![None; self.map.model.images[&id].keypoints.len()];
+        if let Some(rows) = self.index.image_rows(image) {
+            for (keypoint, descriptor) in self.keypoints[image].iter().zip(rows.descriptors) {
+                if let Some(slot) = keypoint.and_then(|k| all.get_mut(k as usize)) {
+                    *slot = Some(*descriptor);
+                }
+            }
+        }
+        all
+    }
+
+    pub(super) fn num_images(&self) -> usize {
+        self.images.len()
+    }
+}
+
+/// The keypoints of the index: it numbers points and rows anew, and keeps positions.
+fn keypoints(
+    info: &MapInfo,
+    map: &EnvironmentMap,
+    index: &LocalizationIndex,
+) -> Vec<Vec<Option<u32>>> {
+    let map_from_index =
+        info.map_from_index.as_ref().map_or(Similarity3::identity(), |moved| moved.similarity());
+    let ids: Vec<PointId> = map.model.points.keys().copied().collect();
+    let positions: Vec<Point3<f64>> = map.model.points.values().map(|p| p.position).collect();
+    let extent = positions.iter().map(|p| p.coords.norm()).fold(0.0, f64::max);
+    let tree = KdTree::new(&positions);
+    let point_ids: Vec<Option<PointId>> = (0..index.num_points() as u32)
+        .map(|point| {
+            let at = map_from_index * index.position(point)?;
+            let near = tree.nearest_within(&at, SAME_POINT * extent)?;
+            Some(ids[near.index as usize])
+        })
+        .collect();
+    map.model
+        .images
+        .values()
+        .enumerate()
+        .map(|(position, image)| {
+            let of_point: BTreeMap<PointId, u32> =
+                image.points.iter().zip(0..).filter_map(|(id, k)| Some(((*id)?, k))).collect();
+            let rows = index.image_rows(position).map_or(&[][..], |rows| rows.points);
+            let keypoint = |point: &u32| {
+                of_point.get(&point_ids.get(*point as usize).copied().flatten()?).copied()
+            };
+            rows.iter().map(keypoint).collect()
+        })
+        .collect()
+}

@@ -1,0 +1,129 @@
+//! What came of a registration: the content of `report.json`.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Similarity3;
+use serde::{Deserialize, Serialize};
+use volery_scene::{PointId, Quality, RegisteredImage};
+
+use super::{Pair, part::Part};
+use crate::PipelineError;
+
+/// Where a map lies in the merged one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MapReport {
+    /// As given.
+    pub name: String,
+    /// Whether it is part of the merged map.
+    pub joined: bool,
+    /// Quaternion w, x, y, z of `merged_from_map`.
+    pub rotation: [f64; 4],
+    /// Of `merged_from_map`.
+    pub translation: [f64; 3],
+    /// Of `merged_from_map`.
+    pub scale: f64,
+    /// Its images.
+    pub num_images: usize,
+}
+
+/// What two maps say about each other.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairReport {
+    /// Name of the map that was moved.
+    pub source: String,
+    /// Name of the map onto which.
+    pub target: String,
+    /// Points that look the same.
+    pub num_pairs: usize,
+    /// Points of these that the transform brings together.
+    pub num_inliers: usize,
+    /// Their share, 0 to 1.
+    pub fitness: f64,
+    /// Share of the images of the smaller map that see such a point, 0 to 1.
+    pub overlap: f64,
+    /// Root mean square distance of the points brought together, units of the target.
+    pub rms: Option<f64>,
+    /// Scale of the target relative to the source.
+    pub scale: Option<f64>,
+    /// Whether the merged map rests on it.
+    pub used: bool,
+    /// Why there is no transform.
+    pub error: Option<PipelineError>,
+}
+
+/// The maps and every pair of them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RegisterReport {
+    /// In the order given; the first is the reference.
+    pub maps: Vec<MapReport>,
+    /// Every pair.
+    pub pairs: Vec<PairReport>,
+    /// Points that more than one map knew.
+    pub num_shared_points: usize,
+    /// Points of the merged map.
+    pub num_points: usize,
+    /// Mean reprojection error after all was refined together, pixels.
+    pub reprojection_px: Option<f64>,
+    /// How far to trust the merged map.
+    pub quality: Quality,
+}
+
+impl RegisterReport {
+    /// What the merged map lacks first; `None` where every map became a part of a good one.
+    pub fn lack(&self) -> Option<PipelineError> {
+        if let Some(map) = self.maps.iter().find(|map| !map.joined) {
+            let about = |pair: &&PairReport| pair.source == map.name || pair.target == map.name;
+            let error = self.pairs.iter().filter(about).find_map(|pair| pair.error.as_ref());
+            let why = error.map_or(String::new(), |error| format!(": {}", error.detail));
+            return Some(PipelineError::new(
+                "maps_unjoined",
+                format!("{} was left out{why}", map.name),
+                "extend one of the maps with photos that show what both show",
+            ));
+        }
+        let reason = self.quality.reasons.first()?;
+        Some(PipelineError::plain(&reason.code, reason.detail.clone()))
+    }
+}
+
+pub(super) fn map_report(part: &Part, pose: &Option<Similarity3<f64>>) -> MapReport {
+    let motion = pose.unwrap_or_else(Similarity3::identity);
+    let q = motion.isometry.rotation;
+    MapReport {
+        name: part.name.clone(),
+        joined: pose.is_some(),
+        rotation: [q.w, q.i, q.j, q.k],
+        translation: motion.isometry.translation.vector.into(),
+        scale: motion.scaling(),
+        num_images: part.num_images(),
+    }
+}
+
+pub(super) fn pair_report(parts: &[Part], pair: &Pair, used: bool) -> PairReport {
+    let (source, target) = (&parts[pair.source], &parts[pair.target]);
+    let found = pair.found.as_ref().ok();
+    let num_pairs = found.map_or(0, |found| found.num_pairs);
+    let num_inliers = found.map_or(0, |found| found.points.len());
+    let seen = |part: &Part, ids: BTreeSet<PointId>| {
+        let sees =
+            |image: &&RegisteredImage| image.points.iter().flatten().any(|id| ids.contains(id));
+        let num = part.map.model.images.values().filter(sees).count();
+        num as f64 / part.num_images().max(1) as f64
+    };
+    let overlap = found.map_or(0.0, |found| {
+        let from = seen(source, found.points.iter().map(|p| p.0).collect());
+        from.max(seen(target, found.points.iter().map(|p| p.1).collect()))
+    });
+    PairReport {
+        source: source.name.clone(),
+        target: target.name.clone(),
+        num_pairs,
+        num_inliers,
+        fitness: num_inliers as f64 / num_pairs.max(1) as f64,
+        overlap,
+        rms: found.map(|found| found.rms),
+        scale: found.map(|found| found.target_from_source.scaling()),
+        used,
+        error: pair.found.as_ref().err().cloned(),
+    }
+}
