@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 use volery_formats::{read_ply_of_cloud, write_ply_of_cloud};
-use volery_mvs::{Dense as Made, DenseError, Item, NotKept, Shelf, reconstruct_dense};
-use volery_scene::{ImageId, PointCloud, Progress, SparseModel};
+use volery_mvs::{Dense as Made, DenseError, Item, NotKept, Shelf, depth_map, reconstruct_dense};
+use volery_scene::{DepthMap, ImageId, PointCloud, Progress, SparseModel};
 
 use crate::{
     cache::{Cache, Key, KeyMaker},
@@ -50,6 +50,7 @@ pub(crate) fn dense(
     let shelf = UnitShelf { cache: units, key };
     if let Some((summary, ply)) = cache.get(&key).and_then(|bytes| from_cache(&bytes))
         && let Ok(cloud) = read_ply_of_cloud(&ply)
+        && shelf.num_depth_maps(model) == summary.num_depth_maps
     {
         let images: Vec<ImageId> = model.images.keys().copied().collect();
         let pictures = pictures(&images, model, &shelf, &options.dense);
@@ -87,6 +88,17 @@ pub(crate) fn dense(
     let ply = write_ply_of_cloud(&cloud);
     cache.put(&key, &to_cache(&summary, &ply)?)?;
     Ok(Dense { cloud, ply, key, summary, pictures, cached: false })
+}
+
+/// The depth maps of a dense cloud, each when it is asked for.
+pub(crate) fn depth_maps<'a>(
+    model: &'a SparseModel,
+    options: &'a StageOptions,
+    dense: &Dense,
+    units: &'a Cache,
+) -> impl Iterator<Item = DepthMap> + use<'a> {
+    let shelf = UnitShelf { cache: units, key: dense.key };
+    model.images.keys().filter_map(move |&id| depth_map(model, &shelf, &options.dense, id))
 }
 
 fn key(ingested: &Ingested, model: &SparseModel, options: &StageOptions) -> Key {
@@ -141,6 +153,10 @@ struct UnitShelf<'a> {
 impl UnitShelf<'_> {
     fn unit(&self, image: ImageId, item: Item) -> Key {
         KeyMaker::new("unit").with(self.key.as_bytes()).with_debug(&(image, item)).key()
+    }
+
+    fn num_depth_maps(&self, model: &SparseModel) -> usize {
+        model.images.keys().filter(|id| self.has(**id, Item::Finished)).count()
     }
 
     fn clear(&self, image: ImageId) {

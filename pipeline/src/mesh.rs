@@ -3,10 +3,10 @@
 use nalgebra::Point3;
 use volery_formats::{read_ply_of_mesh, write_glb_of_textured_mesh, write_ply_of_mesh};
 use volery_meshing::{
-    MeshingError, PoissonOptions, TrimOptions, color_vertices, decimate, reconstruct_surface,
-    statistical_inliers, texture_mesh, trim,
+    MeshingError, PoissonOptions, SightVotes, TrimOptions, color_vertices, decimate,
+    reconstruct_surface, statistical_inliers, texture_mesh, trim,
 };
-use volery_scene::{EnvironmentMap, Photos, PointCloud, Progress, Stage, TriangleMesh};
+use volery_scene::{DepthMap, EnvironmentMap, Photos, PointCloud, Progress, Stage, TriangleMesh};
 
 use crate::{
     cache::{Cache, Key, KeyMaker},
@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Steps that are told as progress.
-const NUM_STEPS: usize = 5;
+const NUM_STEPS: usize = 6;
 /// Of the texture.
 const JPEG_QUALITY: u8 = 85;
 /// Least depth of the octree that is tried.
@@ -24,8 +24,9 @@ const MIN_OCTREE_DEPTH: u32 = 6;
 const NUM_NEIGHBORS: usize = 12;
 /// Standard deviations of the mean distance to neighbors above which a point is an outlier.
 const MAX_SIGMAS: f64 = 2.5;
-/// Least density of samples relative to the median.
-const MIN_DENSITY_RATIO: f64 = 0.1;
+/// Least density of samples relative to the median: lines of sight tell what is a surface, the
+/// density what is founded at all.
+const MIN_DENSITY_RATIO: f64 = 0.01;
 /// Holes up to so many cells of the octree across are filled.
 const MAX_HOLE_CELLS: f64 = 12.0;
 /// Parts of less than so many cells across are crumbs.
@@ -42,11 +43,13 @@ pub(crate) struct Mesh {
     pub(crate) cached: bool,
 }
 
-/// The mesh of a cloud whose points are `spacing` apart.
+/// The mesh of a cloud whose points are `spacing` apart, and of the depth maps it came from: they
+/// are only asked for if the mesh is not in the cache.
 pub(crate) fn mesh(
     cloud: &PointCloud,
     spacing: Option<f64>,
     cloud_key: &Key,
+    depth_maps: impl Iterator<Item = DepthMap>,
     options: &MeshOptions,
     cache: &Cache,
     progress: &dyn Progress,
@@ -57,7 +60,7 @@ pub(crate) fn mesh(
     {
         return Ok(Mesh { mesh, ply, key, cached: true });
     }
-    let ply = write_ply_of_mesh(&surface(cloud, spacing, options, progress)?);
+    let ply = write_ply_of_mesh(&surface(cloud, spacing, depth_maps, options, progress)?);
     cache.put(&key, &ply)?;
     // As it comes from the cache: positions in 32 bits.
     let mesh = read_ply_of_mesh(&ply)
@@ -95,6 +98,7 @@ pub(crate) fn textured_glb(
 fn surface(
     cloud: &PointCloud,
     spacing: Option<f64>,
+    depth_maps: impl Iterator<Item = DepthMap>,
     options: &MeshOptions,
     progress: &dyn Progress,
 ) -> Result<TriangleMesh, PipelineError> {
@@ -110,8 +114,16 @@ fn surface(
     let depth = octree_depth(extent, spacing, options.max_octree_depth);
     let cell = extent / f64::from(1_u32 << depth);
     let poisson = PoissonOptions { depth, ..PoissonOptions::default() };
-    let surface = reconstruct_surface(&cleaned, &poisson, &steps).map_err(failure)?;
+    let mut surface = reconstruct_surface(&cleaned, &poisson, &steps).map_err(failure)?;
     steps.finished(2)?;
+    let mut votes = SightVotes::new(surface.mesh.vertices.len());
+    for map in depth_maps {
+        progress.check()?;
+        votes.add(&surface.mesh.vertices, &map);
+    }
+    votes.discredit_unseen(&mut surface);
+    drop(votes);
+    steps.finished(3)?;
     let trimming = TrimOptions {
         min_density_ratio: MIN_DENSITY_RATIO,
         max_hole_area: (MAX_HOLE_CELLS * cell).powi(2),
@@ -119,10 +131,10 @@ fn surface(
     };
     let trimmed = trim(&surface, &trimming).mesh;
     drop(surface);
-    steps.finished(3)?;
+    steps.finished(4)?;
     let mut mesh = decimate(&trimmed, options.max_triangles, &steps)?;
     drop(trimmed);
-    steps.finished(4)?;
+    steps.finished(5)?;
     color_vertices(&mut mesh, &cleaned);
     if mesh.triangles.is_empty() {
         return Err(PipelineError::new(

@@ -8,18 +8,21 @@ use volery_scene::{EnvironmentMap, Photos, Progress};
 use crate::{
     cache::{Cache, write_atomic},
     clock::Stopwatch,
-    dense::{Dense, dense},
+    dense::{Dense, dense, depth_maps},
     error::PipelineError,
     export::write_info,
     files::Files,
     ingest::Ingested,
     map_folder::{MapInfo, file},
     mesh::{mesh, textured_glb},
-    options::{MeshOptions, StageOptions},
+    options::StageOptions,
     report_surface::DepthPicture,
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
 };
+
+/// Folder of the finished units of the dense cloud.
+const UNITS: &str = "depth_maps";
 
 /// What was learned on the way.
 #[derive(Default)]
@@ -48,7 +51,7 @@ pub(crate) fn add_surface(
     let mut info = info.clone();
     let watch = Stopwatch::start();
     let made = Cache::open(work_dir, "dense").and_then(|cache| {
-        let units = Cache::open(work_dir, "depth_maps")?;
+        let units = Cache::open(work_dir, UNITS)?;
         let dense = dense(spec, ingested, &map.model, options, [&cache, &units], progress)?;
         write_atomic(&out_dir.join(file::DENSE), &dense.ply)?;
         info.num_dense_points = Some(dense.cloud.points.len());
@@ -74,7 +77,7 @@ pub(crate) fn add_surface(
     let watch = Stopwatch::start();
     let files = Files { spec, ingested };
     let folders = [work_dir, out_dir];
-    let made = add_mesh(&dense, map, &mut info, &files, &options.mesh, folders, progress);
+    let made = add_mesh(&dense, map, &mut info, &files, options, folders, progress);
     let (summary, cached) = match made {
         Ok(made) => made,
         Err(error) if error.is_cancelled() => return Err(error),
@@ -90,18 +93,20 @@ fn add_mesh(
     map: &EnvironmentMap,
     info: &mut MapInfo,
     photos: &dyn Photos,
-    options: &MeshOptions,
+    options: &StageOptions,
     [work_dir, out_dir]: [&Path; 2],
     progress: &dyn Progress,
 ) -> Result<(MeshSummary, bool), PipelineError> {
     let cache = Cache::open(work_dir, "mesh")?;
     let Dense { cloud, key, summary, .. } = dense;
-    let made = mesh(cloud, summary.spacing, key, options, &cache, progress)?;
+    let units = Cache::open(work_dir, UNITS)?;
+    let maps = depth_maps(&map.model, options, dense, &units);
+    let made = mesh(cloud, summary.spacing, key, maps, &options.mesh, &cache, progress)?;
     write_atomic(&out_dir.join(file::MESH), &made.ply)?;
     info.num_triangles = Some(made.mesh.triangles.len());
     write_info(info, out_dir)?;
     let mut summary = MeshSummary::of(&made.mesh);
-    match textured_glb(&made, map, photos, options, &cache, progress) {
+    match textured_glb(&made, map, photos, &options.mesh, &cache, progress) {
         Ok(glb) => write_atomic(&out_dir.join(file::GLB), &glb)?,
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => summary.error = Some(error),
