@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use volery_formats::{read_ply, read_ply_of_mesh};
+use volery_formats::{read_glb_of_textured_mesh, read_ply, read_ply_of_mesh};
 use volery_geometry::{Camera, Isometry3, KdTree, Point3, median};
 use volery_rendering::{DrawableMesh, DrawablePoints, Rendering, VirtualCamera};
 
@@ -33,6 +33,13 @@ impl Surface {
                 Err(error) => Err(PipelineError::io(&path, &error)),
             }
         };
+        // The mesh with the photos on it, if there is one.
+        if let Some((_, bytes)) = read(file::GLB)?
+            && let Ok(textured) = read_glb_of_textured_mesh(&bytes)
+            && let Ok(mesh) = DrawableMesh::with_texture(&textured)
+        {
+            return Ok(Self::Mesh(Box::new(mesh)));
+        }
         if let Some((path, bytes)) = read(file::MESH)? {
             let mesh = read_ply_of_mesh(&bytes).map_err(|e| bad_surface(&path, &e))?;
             let mesh = DrawableMesh::new(&mesh).map_err(|e| bad_surface(&path, &e))?;
@@ -129,7 +136,9 @@ mod tests {
         assert!(points.mesh().is_none() && points.name() == "points");
         let back = Isometry3::from_parts(Vector3::new(0.0, 0.0, 20.0).into(), pose.rotation);
         let drawn = points.draw(&camera, &back);
-        assert_eq!(drawn.colors.iter().filter(|c| **c == [10, 20, 30]).count(), 4);
+        let is_seen = |k: usize| drawn.depth[k] > 0.0;
+        assert!(drawn.seen_part() > 0.0);
+        assert!((0..32 * 24).all(|k| !is_seen(k) || drawn.colors[k] == [10, 20, 30]));
         fs::write(folder.join(file::MESH), write_ply_of_mesh(&wall())).unwrap();
         let mesh = Surface::open(&folder).unwrap();
         let drawn = mesh.draw(&camera, &pose);

@@ -7,10 +7,12 @@ use volery_scene::{EnvironmentMap, RegisteredImage};
 
 mod mesh;
 mod moved;
+mod read;
 mod textured;
 
 pub use mesh::write_glb_of_mesh;
 pub use moved::{ForeignGlb, move_glb};
+pub use read::read_glb_of_textured_mesh;
 pub use textured::write_glb_of_textured_mesh;
 
 /// glTF from map axes (x forward, y left, z up to y up, z forward, x left), as `[x, y, z, w]`;

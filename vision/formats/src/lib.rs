@@ -30,7 +30,10 @@ pub use features_file::{
     FeaturesFileError, read_features, read_two_view_geometries, write_features,
     write_two_view_geometries,
 };
-pub use glb::{ForeignGlb, move_glb, write_glb, write_glb_of_mesh, write_glb_of_textured_mesh};
+pub use glb::{
+    ForeignGlb, move_glb, read_glb_of_textured_mesh, write_glb, write_glb_of_mesh,
+    write_glb_of_textured_mesh,
+};
 pub use jpeg::{WriteJpegError, write_jpeg};
 pub use ply::{
     PlyCloud, PlyError, read_ply, read_ply_of_cloud, read_ply_of_mesh, write_ply,

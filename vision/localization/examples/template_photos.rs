@@ -1,5 +1,5 @@
 //! Real or rendered photos placed by comparing them with views of a mesh, from a start near the
-//! truth: `template_photos MESH.ply FOLDER [OFFSET_M]`. The folder holds photos, `camera.json` and
+//! truth: `template_photos MESH.ply|MAP.glb FOLDER [OFFSET_M] [DRAWN]`. The folder holds photos, `camera.json` and
 //! `ground_truth.csv`, in the frame of the mesh.
 
 use std::path::PathBuf;
@@ -7,7 +7,8 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
 use volery_formats::{
-    DecodeLimits, decode_image, read_camera_json, read_ply_of_mesh, read_poses_csv, write_png,
+    DecodeLimits, decode_image, read_camera_json, read_glb_of_textured_mesh, read_ply_of_mesh,
+    read_poses_csv, write_png,
 };
 use volery_geometry::Rng;
 use volery_localization::localize::Status;
@@ -21,7 +22,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let offset_m: f64 = arguments.next().map_or(Ok(0.5), |v| v.parse())?;
     let drawn = arguments.next().map(PathBuf::from);
     let folder = PathBuf::from(folder);
-    let mesh = DrawableMesh::new(&read_ply_of_mesh(&std::fs::read(mesh)?)?)?;
+    let bytes = std::fs::read(&mesh)?;
+    let mesh = if mesh.ends_with(".glb") {
+        DrawableMesh::with_texture(&read_glb_of_textured_mesh(&bytes)?)?
+    } else {
+        DrawableMesh::new(&read_ply_of_mesh(&bytes)?)?
+    };
     println!("{} triangles", mesh.num_triangles());
     let camera = read_camera_json(&std::fs::read(folder.join("camera.json"))?)?;
     let truths = read_poses_csv(&std::fs::read(folder.join("ground_truth.csv"))?)?;

@@ -56,6 +56,13 @@ pub(super) fn linear_from_srgb(value: u8) -> u8 {
     (linear * 255.0).round() as u8
 }
 
+/// The inverse of [`linear_from_srgb`], as near as eight bits tell.
+pub(super) fn srgb_from_linear(value: u8) -> u8 {
+    let v = f64::from(value) / 255.0;
+    let encoded = if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0).round() as u8
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Point3;

@@ -11,7 +11,7 @@ use super::{container, gltf};
 const FILE_HEADER: usize = 12;
 const CHUNK_HEADER: usize = 8;
 
-/// Why a GLB was not moved.
+/// Why a GLB was not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("not a GLB that this software wrote")]
 pub struct ForeignGlb;
@@ -30,7 +30,7 @@ pub fn move_glb(bytes: &[u8], new_from_map: &Similarity3<f64>) -> Result<Vec<u8>
 }
 
 /// The document and the binary data, as long as the buffer says.
-fn parts(bytes: &[u8]) -> Option<(Value, Vec<u8>)> {
+pub(super) fn parts(bytes: &[u8]) -> Option<(Value, Vec<u8>)> {
     let word = |at: usize| {
         let bytes = bytes.get(at..at + 4)?;
         Some(u32::from_le_bytes(bytes.try_into().ok()?))
