@@ -71,14 +71,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("volery-mvs", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     (
         "volery-registration",
-        &[
-            "volery-geometry",
-            "volery-scene",
-            "volery-estimation",
-            "nalgebra",
-            "rayon",
-            "thiserror",
-        ],
+        &["volery-geometry", "volery-scene", "volery-estimation", "nalgebra", "rayon", "thiserror"],
     ),
     ("volery-meshing", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     ("volery-rendering", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
