@@ -13,6 +13,7 @@ mod progress;
 mod reconstruct;
 mod remote;
 mod serve;
+mod wire;
 mod worker;
 
 use std::process::ExitCode;

@@ -1,25 +1,25 @@
 //! Commands that talk to a server through the client SDK.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{fs, path::Path};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
-    Camera, CreateJob, Job, JobEvent, JobKind, JobState, KnownDistance, LocalizePrior,
-    PositionPrior, Preset, Prior, RegisterMaps, UploadStatus,
+    CreateJob, Job, JobEvent, JobKind, JobState, KnownDistance, LocalizePrior, PositionPrior,
+    RegisterMaps, UploadStatus,
 };
 use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
 use volery_formats::NamedPose;
-use volery_pipeline::{CameraSpec, PipelineError};
-use volery_scene::ImagePrior;
+use volery_pipeline::PipelineError;
 
 use crate::{
-    args::{JobsCommand, LocalizeArgs, MapsCommand, PresetArg, ServerArgs, UploadArgs},
+    args::{JobsCommand, LocalizeArgs, MapsCommand, ServerArgs, UploadArgs},
     input,
     localize::{self, Answer, AnswerResult},
     output::{Ending, Outcome, print_json},
     serve::runtime,
+    wire::{wire_camera, wire_prior},
 };
 
 /// A failure of the SDK as one of the command line.
@@ -156,7 +156,7 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
                     imageset_ids: imagesets.clone(),
                     map_id: *map,
                     map_name: name.clone(),
-                    preset: wire_preset(*preset),
+                    preset: (*preset).into(),
                     stages: stages.iter().map(|stage| (*stage).into()).collect(),
                     seed: *seed,
                     known_distances: known.collect(),
@@ -372,48 +372,5 @@ fn ending_of(job: &Job) -> Outcome {
                 hint: error.hint,
             })
         }
-    }
-}
-
-pub(crate) fn wire_camera(camera: &CameraSpec) -> Camera {
-    Camera {
-        model: camera.model.name().to_owned(),
-        width: camera.width,
-        height: camera.height,
-        params: camera.params.clone(),
-    }
-}
-
-/// The priors of the scene and of the API are the same on the wire.
-pub(crate) fn wire_prior(prior: &ImagePrior) -> Prior {
-    Prior {
-        attitude: prior.attitude.map(|a| volery_api::AttitudePrior {
-            yaw: a.yaw,
-            pitch: a.pitch,
-            roll: a.roll,
-            sigma_yaw: a.sigma_yaw,
-            sigma_tilt: a.sigma_tilt,
-        }),
-        height: prior.height.map(|h| volery_api::HeightPrior { height: h.height, sigma: h.sigma }),
-        position: prior.position.map(|p| volery_api::PositionPrior {
-            position: p.position.coords.into(),
-            sigma: p.sigma,
-        }),
-        time_s: prior.time_s,
-    }
-}
-
-/// Priors of many images.
-pub(crate) fn wire_priors<'a>(
-    priors: impl IntoIterator<Item = (&'a str, &'a ImagePrior)>,
-) -> BTreeMap<String, Prior> {
-    priors.into_iter().map(|(name, prior)| (name.to_owned(), wire_prior(prior))).collect()
-}
-
-fn wire_preset(preset: PresetArg) -> Preset {
-    match preset {
-        PresetArg::Fast => Preset::Fast,
-        PresetArg::Balanced => Preset::Balanced,
-        PresetArg::Best => Preset::Best,
     }
 }

@@ -19,8 +19,9 @@ use crate::{
     args::DemoArgs,
     input,
     output::{Ending, Outcome, print_json},
-    remote::{failed, watch, wire_camera, wire_priors},
+    remote::{failed, watch},
     serve::{own_program, runtime},
+    wire::{wire_camera, wire_priors},
 };
 use score::{QueryScore, Score};
 

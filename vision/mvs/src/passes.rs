@@ -2,7 +2,7 @@
 //! shelf; the next one starts when all images are through.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 use volery_geometry::{Camera, SimdLevel};
@@ -171,19 +171,18 @@ impl<'a> Passes<'a> {
         compute: impl Fn(&DepthMap, &BTreeMap<ImageId, DepthMap>) -> Result<DepthMap, DenseError> + Sync,
     ) -> Result<(), DenseError> {
         let total = 3 * self.neighborhoods.len();
-        let done = AtomicUsize::new(already_done);
+        let done = Mutex::new(already_done);
         self.progress.report(Stage::Fusion, already_done, total);
         for members in &self.clusters {
             let missing: Vec<ImageId> =
                 members.iter().copied().filter(|&id| !self.is_past(id, to)).collect();
-            done.fetch_add(members.len() - missing.len(), Ordering::Relaxed);
+            *done.lock().unwrap_or_else(PoisonError::into_inner) += members.len() - missing.len();
             let maps = self.maps(&self.with_relatives(&missing), from)?;
             missing.par_iter().try_for_each(|id| {
                 self.progress.check()?;
                 let map = compute(&maps[id], &maps)?;
                 self.shelf.put(*id, to, bytes_of_map(&map))?;
-                let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                self.progress.report(Stage::Fusion, done, total);
+                self.one_more(&done, total);
                 Ok::<(), DenseError>(())
             })?;
         }
@@ -194,7 +193,7 @@ impl<'a> Passes<'a> {
     /// Last pass: every surface once, by the image that sees it largest.
     pub(crate) fn fuse(&self) -> Result<Fused, DenseError> {
         let total = 3 * self.neighborhoods.len();
-        let done = AtomicUsize::new(2 * self.neighborhoods.len());
+        let done = Mutex::new(2 * self.neighborhoods.len());
         let mut fused_all = Fused::default();
         for members in &self.clusters {
             let maps = self.maps(&self.with_relatives(members), Item::Finished)?;
@@ -204,8 +203,7 @@ impl<'a> Passes<'a> {
                     self.progress.check()?;
                     let photo = self.working_image(*id)?;
                     let points = fused(&maps[id], maps.values(), &|index| photo.color(index));
-                    let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    self.progress.report(Stage::Fusion, done, total);
+                    self.one_more(&done, total);
                     Ok(points)
                 })
                 .collect::<Result<_, DenseError>>()?;
@@ -217,6 +215,13 @@ impl<'a> Passes<'a> {
             }
         }
         Ok(fused_all)
+    }
+
+    /// An image more of the fusion is done.
+    fn one_more(&self, done: &Mutex<usize>, total: usize) {
+        let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += 1;
+        self.progress.report(Stage::Fusion, *done, total);
     }
 
     fn with_relatives(&self, members: &[ImageId]) -> BTreeSet<ImageId> {
