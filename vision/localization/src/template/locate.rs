@@ -78,7 +78,7 @@ const RIVAL_PART: f64 = 0.85;
 const ROUNDS: [(usize, usize, f64); 3] = [(1, 8, 2.0), (0, 6, 2.0), (0, 4, 1.5)];
 
 /// Neighboring patches overlap and err together where the map is coarse: the squared errors of
-/// 120 poses were 4 to 5 times what independent patches would leave, in halls painted with 3, 6
+/// 100 poses were 4 to 5 times what independent patches would leave, in halls painted with 3, 6
 /// and 12 cm between colors.
 const VARIANCE_FACTOR: f64 = 5.0;
 /// Hypotheses of a round at most.
