@@ -1,6 +1,7 @@
 //! Map folders to one map folder.
 
 mod contents;
+mod page;
 mod part;
 mod report;
 
@@ -83,6 +84,7 @@ pub fn register_maps(
     let json = serde_json::to_vec_pretty(&report)
         .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
     write_atomic(&out_dir.join(file::REPORT), &json)?;
+    write_atomic(&out_dir.join(file::REPORT_HTML), page::page(&report).as_bytes())?;
     Ok(report)
 }
 

@@ -17,7 +17,7 @@ const MAX_POINTS: usize = 6000;
 /// Longer side of the top view, pixels.
 const VIEW_SIZE: f64 = 720.0;
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:2rem auto;\
+pub(crate) const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:2rem auto;\
 padding:0 1rem;color:#1b1b1b}table{border-collapse:collapse;width:100%}\
 td,th{border-bottom:1px solid #ddd;padding:.25rem .5rem;text-align:left}\
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}\

@@ -116,6 +116,8 @@ fn two_flights_become_one_map() {
     let kept: RegisterReport =
         serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(kept, report);
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(sources.iter().all(|source| page.contains(&source.name)));
 }
 
 /// Two halls are not one, and one map is nothing to join; nothing is written.
