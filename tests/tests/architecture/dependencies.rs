@@ -59,6 +59,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "png",
             "zune-core",
             "zune-jpeg",
+            "jpeg-encoder",
             "kamadak-exif",
             "serde",
             "serde_json",

@@ -1,16 +1,13 @@
 //! A surface as binary glTF 2.0.
 
-use serde_json::json;
+use serde_json::{Value, json};
 use volery_scene::TriangleMesh;
 
 use super::{Buffer, GLTF_FROM_MAP, container};
 
-/// Writes a mesh in map coordinates as a GLB; the root node turns it to glTF's axes. Colors are
-/// those of the vertices. `asset.extras` carries `unit` and `frame` as for a map.
-///
-/// Both sides of the triangles are drawn: rooms are seen from inside.
-pub fn write_glb_of_mesh(mesh: &TriangleMesh, is_metric: bool) -> Vec<u8> {
-    let mut document = json!({
+/// A document whose only node turns map coordinates to glTF's axes.
+pub(super) fn surface_document(is_metric: bool) -> Value {
+    json!({
         "asset": {
             "version": "2.0",
             "generator": "Volery",
@@ -22,7 +19,15 @@ pub fn write_glb_of_mesh(mesh: &TriangleMesh, is_metric: bool) -> Vec<u8> {
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "name": "map", "rotation": GLTF_FROM_MAP }],
-    });
+    })
+}
+
+/// Writes a mesh in map coordinates as a GLB; the root node turns it to glTF's axes. Colors are
+/// those of the vertices. `asset.extras` carries `unit` and `frame` as for a map.
+///
+/// Both sides of the triangles are drawn: rooms are seen from inside.
+pub fn write_glb_of_mesh(mesh: &TriangleMesh, is_metric: bool) -> Vec<u8> {
+    let mut document = surface_document(is_metric);
     let mut buffer = Buffer::default();
     if !mesh.triangles.is_empty() {
         let mut attributes = json!({ "POSITION": buffer.positions(&mesh.vertices) });

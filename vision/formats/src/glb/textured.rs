@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 use volery_scene::TexturedMesh;
 
-use super::mesh::linear_from_srgb;
-use super::{Buffer, GLTF_FROM_MAP, container, gltf};
+use super::mesh::{linear_from_srgb, surface_document};
+use super::{Buffer, container, gltf};
 use crate::{WriteJpegError, write_jpeg};
 
 /// Writes a textured mesh in map coordinates as a GLB with the texture as JPEG of a quality from 1
@@ -24,19 +24,7 @@ pub fn write_glb_of_textured_mesh(
 ) -> Result<Vec<u8>, WriteJpegError> {
     let mesh = &textured.mesh;
     let (seen, unseen) = mesh.triangles.split_at(textured.num_textured);
-    let mut document = json!({
-        "asset": {
-            "version": "2.0",
-            "generator": "Volery",
-            "extras": {
-                "unit": if is_metric { "meter" } else { "unknown" },
-                "frame": "vertices: x forward, y left, z up",
-            },
-        },
-        "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "name": "map", "rotation": GLTF_FROM_MAP }],
-    });
+    let mut document = surface_document(is_metric);
     if mesh.triangles.is_empty() {
         return Ok(container(&document, Vec::new()));
     }
