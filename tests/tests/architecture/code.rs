@@ -109,9 +109,18 @@ fn pure_crates_neither_unwrap_nor_leave_gaps() {
 fn files_are_short() {
     let root = repository_root();
     let mut long = Vec::new();
-    for folder in
-        ["vision", "flight", "pipeline", "api", "server", "client_sdk", "cli", "tests", "benches"]
-    {
+    for folder in [
+        "vision",
+        "flight",
+        "pipeline",
+        "api",
+        "server",
+        "client_sdk",
+        "simulator",
+        "cli",
+        "tests",
+        "benches",
+    ] {
         for file in rust_files(&root.join(folder)) {
             let source = std::fs::read_to_string(&file).unwrap();
             let code = without_tests(&blank_comments_and_literals(&source));

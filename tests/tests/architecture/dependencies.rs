@@ -67,6 +67,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("volery-synthetic", &["volery-geometry", "volery-scene", "nalgebra", "rayon"]),
+    ("volery-flight", &["volery-geometry", "nalgebra", "mavlink", "sha2", "thiserror"]),
     ("volery-api", &["serde", "serde_json", "uuid", "utoipa"]),
     (
         "volery-pipeline",
@@ -95,6 +96,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "volery-server",
         &[
+            "volery-geometry",
+            "volery-flight",
             "volery-api",
             "axum",
             "bytes",
@@ -140,6 +143,29 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "volery-simulator",
+        &[
+            "volery-geometry",
+            "volery-scene",
+            "volery-formats",
+            "volery-rendering",
+            "volery-synthetic",
+            "volery-api",
+            "volery-client",
+            "bytes",
+            "futures-util",
+            "mavlink",
+            "nalgebra",
+            "rayon",
+            "reqwest",
+            "serde",
+            "serde_json",
+            "thiserror",
+            "tokio",
+            "tokio-tungstenite",
+        ],
+    ),
+    (
         "volery",
         &[
             "volery-geometry",
@@ -154,6 +180,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-pipeline",
             "volery-server",
             "volery-client",
+            "volery-simulator",
             "anyhow",
             "clap",
             "futures-util",
