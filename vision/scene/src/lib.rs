@@ -5,6 +5,7 @@ pub mod features;
 pub mod image;
 pub mod map;
 pub mod matches;
+pub mod occupancy;
 pub mod photo;
 pub mod point_cloud;
 pub mod priors;
@@ -21,6 +22,7 @@ pub use map::{
     Verdict,
 };
 pub use matches::{FeatureMatch, TwoViewGeometry, TwoViewKind};
+pub use occupancy::{Occupancy, OccupancyGrid};
 pub use photo::{Photo, Photos};
 pub use point_cloud::{OrientedPoint, PointCloud};
 pub use priors::{AttitudePrior, HeightPrior, ImagePrior, KnownDistance, PositionPrior};
