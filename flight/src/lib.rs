@@ -6,6 +6,9 @@
 //! Frames: `map` is right-handed, meters, z up, x forward, y left (FLU); `local` is the frame of
 //! a vehicle's estimator, z down; `body` is FRD towards the vehicle and FLU towards people.
 
+pub mod group;
+pub mod motion;
 mod setpoint;
+pub mod watchdog;
 
 pub use setpoint::{Setpoint, VehicleId};

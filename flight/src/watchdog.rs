@@ -1,0 +1,195 @@
+//! What to do with a vehicle whose pose, camera, link, pilot or battery fails.
+
+use std::time::Duration;
+
+/// What is known of a vehicle. Ages count from the time of capture or reception to now; `None`
+/// where there never was one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Health {
+    /// Age of the newest pose that was sent to the vehicle, from its frame's capture.
+    pub pose_age: Option<Duration>,
+    /// How far the newest pose lies from where telemetry expects it. Meters.
+    pub pose_jump: f64,
+    /// How far the newest yaw lies from where telemetry expects it. Radians.
+    pub yaw_jump: f64,
+    /// How long the camera has been sending the same picture.
+    pub camera_frozen: Duration,
+    /// How long localization has been lost; zero while it tracks.
+    pub localization_lost: Duration,
+    /// Age of the newest telemetry.
+    pub link_age: Option<Duration>,
+    /// How long the commanding client's lease has been over; zero while it holds.
+    pub lease_over: Duration,
+    /// Charge left, 0 to 1, where the vehicle tells it.
+    pub battery: Option<f64>,
+}
+
+impl Default for Health {
+    /// Nothing is wrong.
+    fn default() -> Self {
+        Self {
+            pose_age: Some(Duration::ZERO),
+            pose_jump: 0.0,
+            yaw_jump: 0.0,
+            camera_frozen: Duration::ZERO,
+            localization_lost: Duration::ZERO,
+            link_age: Some(Duration::ZERO),
+            lease_over: Duration::ZERO,
+            battery: None,
+        }
+    }
+}
+
+/// Why a vehicle does not go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Reason {
+    /// No fresh pose.
+    PoseStale,
+    /// The pose jumped.
+    PoseJump,
+    /// The yaw jumped.
+    YawJump,
+    /// The camera sends the same picture over and over.
+    CameraFrozen,
+    /// The vehicle does not know where it is.
+    LocalizationLost,
+    /// The vehicle is silent.
+    LinkLost,
+    /// Nobody commands.
+    LeaseOver,
+    /// The battery is low.
+    BatteryLow,
+}
+
+impl Reason {
+    /// Stable name for programs.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::PoseStale => "pose_stale",
+            Self::PoseJump => "pose_jump",
+            Self::YawJump => "yaw_jump",
+            Self::CameraFrozen => "camera_frozen",
+            Self::LocalizationLost => "localization_lost",
+            Self::LinkLost => "link_lost",
+            Self::LeaseOver => "lease_over",
+            Self::BatteryLow => "battery_low",
+        }
+    }
+}
+
+/// What a vehicle shall do, milder first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Verdict {
+    /// Fly on.
+    Continue,
+    /// Stay where it is.
+    Hold(Reason),
+    /// Land where it is.
+    Land(Reason),
+}
+
+impl Verdict {
+    /// 0 for go on, 1 for hold, 2 for land.
+    pub fn severity(self) -> u8 {
+        match self {
+            Self::Continue => 0,
+            Self::Hold(_) => 1,
+            Self::Land(_) => 2,
+        }
+    }
+}
+
+/// From when on a vehicle holds, and from when on it lands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WatchdogLimits {
+    /// Poses older than this hold and land. An autopilot's own failsafe takes 7 s or more, and a
+    /// vehicle without poses drifts by 0.7 m in that time.
+    pub pose_age: Patience,
+    /// Pictures and localization that fail for this long hold and land.
+    pub camera: Patience,
+    /// Silence of the vehicle.
+    pub link: Patience,
+    /// Absence of the pilot.
+    pub lease: Patience,
+    /// A larger jump of the pose holds. Meters.
+    pub pose_jump: f64,
+    /// A larger jump of the yaw holds. Radians.
+    pub yaw_jump: f64,
+    /// Charge below which the vehicle lands.
+    pub battery_land: f64,
+}
+
+/// How long something may last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Patience {
+    /// The vehicle holds from here on.
+    pub hold: Duration,
+    /// The vehicle lands from here on.
+    pub land: Duration,
+}
+
+impl Patience {
+    const fn millis(hold: u64, land: u64) -> Self {
+        Self { hold: Duration::from_millis(hold), land: Duration::from_millis(land) }
+    }
+
+    fn judge(&self, lasting: Option<Duration>, reason: Reason) -> Verdict {
+        match lasting {
+            Some(time) if time < self.hold && time < self.land => Verdict::Continue,
+            Some(time) if time < self.land => Verdict::Hold(reason),
+            _ => Verdict::Land(reason),
+        }
+    }
+}
+
+impl Default for WatchdogLimits {
+    /// Poses: hold at 0.5 s, land at 1.5 s. Camera and localization: the same, since their poses
+    /// are no news. Link: hold at 1 s, land at 5 s. Pilot: hold at once, land at 30 s.
+    /// Jumps: 0.5 m, 30 deg. Battery: land at 20 %.
+    fn default() -> Self {
+        Self {
+            pose_age: Patience::millis(500, 1_500),
+            camera: Patience::millis(500, 1_500),
+            link: Patience::millis(1_000, 5_000),
+            lease: Patience::millis(1, 30_000),
+            pose_jump: 0.5,
+            yaw_jump: 30f64.to_radians(),
+            battery_land: 0.20,
+        }
+    }
+}
+
+/// The gravest of all that the state of a vehicle asks for.
+///
+/// Monotone: a vehicle in a worse state is never treated more mildly. What never came counts as
+/// infinitely old, and a number that is not one as beyond its limit.
+pub fn judge(health: &Health, limits: &WatchdogLimits) -> Verdict {
+    let beyond = |value: f64, limit: f64| value.is_nan() || value.abs() > limit;
+    let jump = |value: f64, limit: f64, reason: Reason| {
+        if beyond(value, limit) { Verdict::Hold(reason) } else { Verdict::Continue }
+    };
+    let battery = match health.battery {
+        Some(charge) if charge.is_nan() || charge < limits.battery_land => {
+            Verdict::Land(Reason::BatteryLow)
+        }
+        _ => Verdict::Continue,
+    };
+    let verdicts = [
+        limits.pose_age.judge(health.pose_age, Reason::PoseStale),
+        limits.camera.judge(Some(health.localization_lost), Reason::LocalizationLost),
+        limits.camera.judge(Some(health.camera_frozen), Reason::CameraFrozen),
+        limits.link.judge(health.link_age, Reason::LinkLost),
+        limits.lease.judge(Some(health.lease_over), Reason::LeaseOver),
+        jump(health.pose_jump, limits.pose_jump, Reason::PoseJump),
+        jump(health.yaw_jump, limits.yaw_jump, Reason::YawJump),
+        battery,
+    ];
+    // The first of the gravest, so that the reason is stable.
+    let gravest = |best: Verdict, next: Verdict| {
+        if next.severity() > best.severity() { next } else { best }
+    };
+    verdicts.into_iter().fold(Verdict::Continue, gravest)
+}
+
+#[cfg(test)]
+mod tests;
