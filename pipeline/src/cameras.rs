@@ -134,6 +134,24 @@ pub(crate) fn scaled_to(camera: &Camera, width: u32, height: u32) -> Option<Came
     }
 }
 
+/// EXIF and a map's camera are the same lens if their focal lengths differ by less than this.
+const MAX_FOCAL_DIFFERENCE: f64 = 0.15;
+
+/// The camera of a photo that comes to a map: the map's own of this shape unless EXIF speaks of
+/// another lens, else by EXIF.
+pub(crate) fn likely_camera(
+    of_map: Option<Camera>,
+    (width, height): (u32, u32),
+    exif_px: Option<f64>,
+) -> Option<Camera> {
+    let is_same_lens = |camera: &Camera| {
+        exif_px.is_none_or(|px| (px / camera.mean_focal() - 1.0).abs() < MAX_FOCAL_DIFFERENCE)
+    };
+    of_map
+        .filter(is_same_lens)
+        .or_else(|| Camera::from_focal(CameraModel::SimplePinhole, width, height, exif_px?).ok())
+}
+
 /// A camera without calibration: from EXIF or guessed, to be refined.
 fn own_camera(
     hint: &CameraHint,

@@ -106,6 +106,19 @@ pub struct MapInfo {
 }
 
 impl MapInfo {
+    /// The map that these are the facts of; zones and unplaced images are not in it.
+    pub(crate) fn map(&self, model: SparseModel) -> EnvironmentMap {
+        EnvironmentMap {
+            model,
+            zones: Vec::new(),
+            unplaced: Vec::new(),
+            scale: self.scale,
+            gravity: self.gravity,
+            origin: self.origin,
+            quality: self.quality.clone(),
+        }
+    }
+
     /// A name of the map by its content: equal inputs and options give equal ids.
     pub fn content_id(&self) -> String {
         let mut hasher = blake3::Hasher::new();
@@ -316,15 +329,7 @@ pub fn read_map(folder: &Path) -> Result<(MapInfo, EnvironmentMap), PipelineErro
     };
     let model: SparseModel =
         read_colmap_text(&files).map_err(|e| bad_map(&folder.join(file::COLMAP), e))?;
-    let map = EnvironmentMap {
-        model,
-        zones: Vec::new(),
-        unplaced: Vec::new(),
-        scale: info.scale,
-        gravity: info.gravity,
-        origin: info.origin,
-        quality: info.quality.clone(),
-    };
+    let map = info.map(model);
     Ok((info, map))
 }
 

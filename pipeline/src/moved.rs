@@ -118,6 +118,7 @@ mod tests {
             num_inliers: 10,
             inlier_ratio: 1.0,
             reprojection_px: 1.0,
+            sightings: Vec::new(),
         };
         let mut answer = LocalizationAnswer {
             status: Status::Ok(estimate),

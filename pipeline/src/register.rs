@@ -1,35 +1,26 @@
-//! Map folders to one map folder.
+//! Map folders, and photos, to one map folder.
 
 mod contents;
+mod extend;
+mod newcomers;
 mod page;
+mod pairs;
 mod part;
 mod report;
+mod whole;
 
-use std::{
-    collections::BTreeMap,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use nalgebra::Similarity3;
-use volery_estimation::BundleError;
-use volery_registration::{
-    Link, PointOfPart, SharedAlignment, adjust_merged, align_shared_points, merge_models,
-    solve_pose_graph,
-};
-use volery_scene::{EnvironmentMap, Progress, SparseModel, Stage};
+use volery_registration::{Link, solve_pose_graph};
+use volery_scene::Progress;
 
-use crate::{
-    PipelineError,
-    cache::write_atomic,
-    error::code,
-    export::{bounds, write_files},
-    map_folder::{MapInfo, file},
-};
-use contents::{index, names_and_inputs, quality};
+use crate::{PipelineError, cache::write_atomic, error::code, map_folder::file};
+pub use extend::extend_map;
+use pairs::{Pair, align_pairs, no_overlap};
 use part::Part;
-pub use report::RegisterReport;
-use report::{map_report, pair_report};
+pub use report::{PhotoReport, RegisterReport};
+use whole::Whole;
 
 /// A link that loops through it contradict more is not used.
 const MIN_WEIGHT: f64 = 0.5;
@@ -67,173 +58,67 @@ pub fn register_maps(
         .iter()
         .map(|source| Part::open(&source.name, &source.folder))
         .collect::<Result<_, _>>()?;
-    let pairs = align_pairs(&parts, seed, progress)?;
-    let links: Vec<Link> = pairs.iter().filter_map(Pair::link).collect();
-    let graph = solve_pose_graph(parts.len(), &links, 0);
-    if graph.frame_from_zone.iter().flatten().count() < 2 {
-        return Err(no_overlap(&parts, &pairs));
+    let mut found = Frame::of(&parts, seed, progress)?;
+    if found.poses.iter().flatten().count() < 2 {
+        return Err(no_overlap(&parts, &found.pairs));
     }
-    let mut weights = graph.weights.iter();
-    let used: Vec<bool> = pairs
-        .iter()
-        .map(|pair| pair.found.is_ok() && weights.next().is_some_and(|w| *w >= MIN_WEIGHT))
-        .collect();
     progress.check()?;
-    let merged = merge(&parts, &pairs, &used, &graph.frame_from_zone, progress)?;
-    let report = write(&parts, &pairs, &used, merged, seed, out_dir, progress)?;
+    let mut whole = Whole::of(&parts, &found.pairs, &found.used, &mut found.poses, seed);
+    whole.settle(progress)?;
+    finish(&parts, &found, whole, Vec::new(), out_dir, progress)
+}
+
+/// Where maps lie in the frame of the first, and why.
+struct Frame {
+    pairs: Vec<Pair>,
+    /// Of the pairs: whether the poses rest on it.
+    used: Vec<bool>,
+    /// Of the parts.
+    poses: Vec<Option<Similarity3<f64>>>,
+}
+
+impl Frame {
+    fn of(parts: &[Part], seed: u64, progress: &dyn Progress) -> Result<Self, PipelineError> {
+        let pairs = align_pairs(parts, seed, progress)?;
+        let links: Vec<Link> = pairs.iter().filter_map(Pair::link).collect();
+        let graph = solve_pose_graph(parts.len(), &links, 0);
+        let mut weights = graph.weights.iter();
+        let used = pairs
+            .iter()
+            .map(|pair| pair.found.is_ok() && weights.next().is_some_and(|w| *w >= MIN_WEIGHT))
+            .collect();
+        Ok(Self { pairs, used, poses: graph.frame_from_zone })
+    }
+}
+
+/// Writes the map and its reports.
+fn finish(
+    parts: &[Part],
+    found: &Frame,
+    whole: Whole,
+    photos: Vec<PhotoReport>,
+    out_dir: &Path,
+    progress: &dyn Progress,
+) -> Result<RegisterReport, PipelineError> {
+    let num_shared_points = whole.num_shared;
+    let (map, _) = whole.write(out_dir, progress)?;
+    let report = RegisterReport {
+        maps: parts.iter().zip(&found.poses).map(|(part, p)| report::map_report(part, p)).collect(),
+        pairs: found
+            .pairs
+            .iter()
+            .zip(&found.used)
+            .map(|(pair, &used)| report::pair_report(parts, pair, used))
+            .collect(),
+        photos,
+        num_shared_points,
+        num_points: map.model.points.len(),
+        reprojection_px: map.model.mean_reprojection_error_px(),
+        quality: map.quality,
+    };
     let json = serde_json::to_vec_pretty(&report)
         .map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
     write_atomic(&out_dir.join(file::REPORT), &json)?;
     write_atomic(&out_dir.join(file::REPORT_HTML), page::page(&report).as_bytes())?;
     Ok(report)
-}
-
-/// Two maps by their places in the list, the later onto the earlier.
-struct Pair {
-    source: usize,
-    target: usize,
-    found: Result<SharedAlignment, PipelineError>,
-}
-
-impl Pair {
-    fn link(&self) -> Option<Link> {
-        let found = self.found.as_ref().ok()?;
-        Some(Link::new(self.source, self.target, found.target_from_source, &found.constraint))
-    }
-}
-
-fn align_pairs(
-    parts: &[Part],
-    seed: u64,
-    progress: &dyn Progress,
-) -> Result<Vec<Pair>, PipelineError> {
-    let all: Vec<(usize, usize)> = (0..parts.len())
-        .flat_map(|target| (target + 1..parts.len()).map(move |source| (source, target)))
-        .collect();
-    progress.report(Stage::Matching, 0, all.len());
-    let mut pairs = Vec::new();
-    for (source, target) in all.iter().copied() {
-        progress.check()?;
-        let (from, onto) = (&parts[source], &parts[target]);
-        let matches = from.matches_with(onto);
-        let found = align_shared_points(&from.map.model, &onto.map.model, &matches, seed);
-        let found = found.map_err(|e| PipelineError::plain(e.code(), e.to_string()));
-        pairs.push(Pair { source, target, found });
-        progress.report(Stage::Matching, pairs.len(), all.len());
-    }
-    Ok(pairs)
-}
-
-fn no_overlap(parts: &[Part], pairs: &[Pair]) -> PipelineError {
-    let told: Vec<String> = pairs
-        .iter()
-        .filter_map(|pair| {
-            let error = pair.found.as_ref().err()?;
-            Some(format!("{} and {}: {error}", parts[pair.target].name, parts[pair.source].name))
-        })
-        .collect();
-    PipelineError::new(
-        code::NO_OVERLAP,
-        told.join("; "),
-        "take a few photos that show what both maps show, and extend one of the maps with them",
-    )
-}
-
-/// The merged model and where the parts lie in it.
-struct Merged {
-    model: SparseModel,
-    poses: Vec<Option<Similarity3<f64>>>,
-    num_shared: usize,
-}
-
-fn merge(
-    parts: &[Part],
-    pairs: &[Pair],
-    used: &[bool],
-    poses: &[Option<Similarity3<f64>>],
-    progress: &dyn Progress,
-) -> Result<Merged, PipelineError> {
-    progress.report(Stage::Mapping, 0, 1);
-    let joined: Vec<usize> = (0..parts.len()).filter(|&i| poses[i].is_some()).collect();
-    let place: BTreeMap<usize, usize> = joined.iter().copied().zip(0..).collect();
-    let models: Vec<(&SparseModel, Similarity3<f64>)> = joined
-        .iter()
-        .map(|&i| (&parts[i].map.model, poses[i].unwrap_or_else(Similarity3::identity)))
-        .collect();
-    let mut shared: Vec<(PointOfPart, PointOfPart)> = Vec::new();
-    for (pair, _) in pairs.iter().zip(used).filter(|(_, used)| **used) {
-        let (Some(&s), Some(&t)) = (place.get(&pair.source), place.get(&pair.target)) else {
-            continue;
-        };
-        let found = pair.found.iter().flat_map(|found| &found.points);
-        shared.extend(found.map(|&(source, target)| ((t, target), (s, source))));
-    }
-    let mut model = merge_models(&models, &shared);
-    adjust_merged(&mut model, parts[joined[0]].num_images(), progress).map_err(
-        |error| match error {
-            BundleError::Cancelled(cancelled) => cancelled.into(),
-            other => PipelineError::plain(code::NO_MODEL, other.to_string()),
-        },
-    )?;
-    progress.report(Stage::Mapping, 1, 1);
-    Ok(Merged { model, poses: poses.to_vec(), num_shared: shared.len() })
-}
-
-fn write(
-    parts: &[Part],
-    pairs: &[Pair],
-    used: &[bool],
-    merged: Merged,
-    seed: u64,
-    out_dir: &Path,
-    progress: &dyn Progress,
-) -> Result<RegisterReport, PipelineError> {
-    let Merged { mut model, mut poses, num_shared } = merged;
-    let first = &parts[0];
-    // A map without a unit takes that of the first one that has it.
-    let joined = |i: &usize| poses[*i].is_some();
-    let unit = (0..parts.len()).filter(joined).find(|&i| parts[i].info.scale.metric);
-    let scale = unit.map_or(first.info.scale, |i| parts[i].info.scale);
-    if let Some(frame_from_unit) = unit.and_then(|i| poses[i]).filter(|_| !first.info.scale.metric)
-    {
-        let change = Similarity3::from_scaling(1.0 / frame_from_unit.scaling());
-        model.transform(&change);
-        poses.iter_mut().flatten().for_each(|pose| *pose = change * *pose);
-    }
-    let (names, inputs) = names_and_inputs(parts, &poses);
-    model.images.values_mut().zip(names).for_each(|(image, name)| image.name = name);
-    let info = MapInfo {
-        scale,
-        quality: quality(parts, &poses),
-        cameras: model.cameras.values().map(Into::into).collect(),
-        num_images: model.images.len(),
-        num_points: model.points.len(),
-        num_dense_points: None,
-        num_triangles: None,
-        bounds: bounds(&model),
-        map_from_index: None,
-        seed,
-        inputs,
-        ..first.info.clone()
-    };
-    let map = EnvironmentMap {
-        model,
-        zones: Vec::new(),
-        unplaced: Vec::new(),
-        scale: info.scale,
-        gravity: info.gravity,
-        origin: info.origin,
-        quality: info.quality.clone(),
-    };
-    fs::create_dir_all(out_dir).map_err(|e| PipelineError::io(out_dir, &e))?;
-    let index = index(parts, &poses, &map.model).to_bytes();
-    write_files(&map, &info, &index, out_dir, progress)?;
-    Ok(RegisterReport {
-        maps: parts.iter().zip(&poses).map(|(part, pose)| map_report(part, pose)).collect(),
-        pairs: pairs.iter().zip(used).map(|(pair, &used)| pair_report(parts, pair, used)).collect(),
-        num_shared_points: num_shared,
-        num_points: map.model.points.len(),
-        reprojection_px: map.model.mean_reprojection_error_px(),
-        quality: map.quality,
-    })
 }

@@ -1,14 +1,14 @@
 //! Maps of two flights through one hall become one map.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+mod support;
 
+use std::{fs, path::Path};
+
+use support::Folder;
 use volery_geometry::{Camera, CameraModel, Point3, Vector3, similarity_from_points};
 use volery_pipeline::{
     CameraSpec, ImageInput, JobSpec, MapFolder, MapSource, Preset, RegisterReport, StageGroup,
-    map_folder::read_map, reconstruct, register_maps,
+    extend_map, map_folder::read_map, reconstruct, register_maps,
 };
 use volery_scene::{NoProgress, RegisteredImage};
 use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
@@ -17,24 +17,6 @@ use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
 /// not the photos.
 const NUM_PHOTOS: usize = 28;
 const FLIGHTS: [std::ops::Range<usize>; 2] = [0..16, 12..28];
-
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = Path::new(env!("CARGO_TARGET_TMPDIR"))
-            .join(format!("register-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 fn camera() -> Camera {
     Camera::from_focal(CameraModel::Pinhole, 400, 300, 300.0).unwrap()
@@ -45,12 +27,17 @@ fn round(seed: u64) -> Vec<volery_geometry::Isometry3<f64>> {
     yaw_scan(&Point3::new(0.0, 0.0, 1.5), NUM_PHOTOS, 0.2, motion, seed)
 }
 
-/// The map of a flight; photos are named by their place on the round, as in every flight.
-fn fly(folder: &Path, hall_seed: u64, flight: usize) -> MapSource {
+/// Photos of a flight, named by their place on the round, as in every flight.
+fn photos(
+    folder: &Path,
+    hall_seed: u64,
+    flight: usize,
+    places: impl Iterator<Item = usize>,
+) -> JobSpec {
     let hall = Hall::furnished(Vector3::new(8.0, 7.0, 3.0), 0.008, hall_seed);
     let renderer = Renderer::new(&camera());
     let poses = round(5 + flight as u64);
-    let images = FLIGHTS[flight].clone().map(|i| {
+    let images = places.map(|i| {
         let seed = (100 * flight + i) as u64;
         let photo = Sensor::default().expose(&renderer.render(&hall, &poses[i]), seed);
         let pixels: Vec<u8> = photo.rgb.iter().flatten().copied().collect();
@@ -59,12 +46,17 @@ fn fly(folder: &Path, hall_seed: u64, flight: usize) -> MapSource {
             .unwrap();
         ImageInput::new(format!("{i}.png"), path)
     });
-    let spec = JobSpec {
+    JobSpec {
         camera: Some(CameraSpec::from(&camera())),
         stages: vec![StageGroup::Sfm],
         preset: Preset::Fast,
         ..JobSpec::new(images.collect())
-    };
+    }
+}
+
+/// The map of a flight.
+fn fly(folder: &Path, hall_seed: u64, flight: usize) -> MapSource {
+    let spec = photos(folder, hall_seed, flight, FLIGHTS[flight].clone());
     let name = format!("flight {hall_seed}-{flight}");
     let out = folder.join(&name);
     let summary = reconstruct(&spec, &folder.join("work"), &out, &NoProgress).unwrap();
@@ -134,4 +126,92 @@ fn flights_through_two_halls_are_refused() {
     let missing = MapSource { name: "x".to_owned(), folder: folder.0.join("x") };
     let error = register_maps(&[sources[0].clone(), missing], 1, &out, &NoProgress).unwrap_err();
     assert_eq!(error.code, "bad_map");
+}
+
+/// Largest distance of camera centers from the truth of the flights that `flight_of` tells, after
+/// the frame of the map is found from all of them.
+fn largest_error(folder: &Path, flight_of: impl Fn(&str) -> (usize, usize)) -> f64 {
+    let (_, map) = read_map(folder).unwrap();
+    let (found, truth): (Vec<_>, Vec<_>) = map
+        .model
+        .images
+        .values()
+        .map(|image| {
+            let (flight, place) = flight_of(&image.name);
+            let pose = round(5 + flight as u64)[place].inverse();
+            (image.center(), Point3::from(pose.translation.vector))
+        })
+        .unzip();
+    let align = similarity_from_points(&found, &truth).unwrap();
+    found.iter().zip(&truth).map(|(f, t)| (align * f - t).norm()).fold(0.0, f64::max)
+}
+
+/// Two photos are no map, but each sees what the map knows; photos that are in it already, one
+/// given twice and one of another hall do not count.
+#[test]
+fn two_photos_join_a_map_and_known_ones_are_left_alone() {
+    let folder = Folder::new("extend");
+    let map = fly(&folder.0, 5, 0);
+    let known = photos(&folder.0, 5, 0, [3, 4].into_iter());
+    let fresh = photos(&folder.0, 5, 1, [12, 14].into_iter());
+    let foreign = photos(&folder.0, 6, 1, [13].into_iter());
+    let mut spec = known.clone();
+    spec.images.extend(fresh.images.clone());
+    spec.images.extend(foreign.images);
+    spec.images.push(ImageInput { name: "again.png".to_owned(), ..fresh.images[0].clone() });
+    let (work, new) = (folder.0.join("work"), folder.0.join("new"));
+    let extend = |spec: &JobSpec, map: &MapSource, name: &str| {
+        let out = folder.0.join(name);
+        extend_map(map, spec, &work, &new, &out, &NoProgress).map(|report| (report, out))
+    };
+    let (report, out) = extend(&spec, &map, "extended").unwrap();
+    let reasons: Vec<_> = report.photos.iter().map(|photo| photo.reason.as_deref()).collect();
+    assert_eq!(reasons[..4], [Some("already_in_map"), Some("already_in_map"), None, None]);
+    assert!(reasons[4].is_some_and(|reason| reason.starts_with("too_few")), "{reasons:?}");
+    assert_eq!(reasons[5], Some("repeated"));
+    let joined: Vec<bool> = report.photos.iter().map(|photo| photo.joined).collect();
+    assert_eq!(joined, [false, false, true, true, false, false]);
+    assert_eq!(report.photos[5].same_as.as_deref(), Some("12.png"));
+    assert_eq!(report.lack().unwrap().code, "images_unplaced");
+
+    let (info, _) = read_map(&out).unwrap();
+    assert_eq!((info.num_images, info.inputs.len()), (18, 19));
+    let of_name = |name: &str| match name.strip_prefix("2/") {
+        Some(new) => (1, new.strip_suffix(".png").unwrap().parse().unwrap()),
+        None => (0, name.strip_suffix(".png").unwrap().parse().unwrap()),
+    };
+    let error = largest_error(&out, of_name);
+    assert!(error < 0.03, "{error}");
+    assert_eq!(MapFolder::open(&out).unwrap().index().num_images(), 18);
+
+    // The same photos again are nothing new, and the foreign one alone joins nothing.
+    let extended = MapSource { name: "extended".to_owned(), folder: out };
+    let again = JobSpec { images: spec.images[..4].to_vec(), ..spec.clone() };
+    assert_eq!(extend(&again, &extended, "again").unwrap_err().code, "nothing_new");
+    let foreign = JobSpec { images: vec![spec.images[4].clone()], ..spec };
+    assert_eq!(extend(&foreign, &extended, "foreign").unwrap_err().code, "no_overlap");
+    assert!(!folder.0.join("foreign").join("map.json").exists());
+}
+
+/// A flight that goes on beyond the map joins as a map of its own.
+#[test]
+fn a_flight_extends_a_map() {
+    let folder = Folder::new("fly-on");
+    let map = fly(&folder.0, 5, 0);
+    let spec = photos(&folder.0, 5, 1, FLIGHTS[1].clone());
+    let out = folder.0.join("out");
+    let (work, new) = (folder.0.join("work"), folder.0.join("new"));
+    let report = extend_map(&map, &spec, &work, &new, &out, &NoProgress).unwrap();
+    assert_eq!(report.lack(), None);
+    assert!(report.photos.iter().all(|photo| photo.joined));
+    assert_eq!(report.maps.len(), 2);
+    let (info, map) = read_map(&out).unwrap();
+    assert_eq!((info.num_images, info.inputs.len()), (32, 32));
+    let numbered: Vec<String> = map.model.images.values().map(|image| image.name.clone()).collect();
+    let of_name = |name: &str| {
+        let place = numbered.iter().position(|known| known == name).unwrap();
+        if place < 16 { (0, place) } else { (1, place - 4) }
+    };
+    let error = largest_error(&out, of_name);
+    assert!(error < 0.03, "{error}");
 }

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Similarity3, Vector3};
 use rayon::prelude::*;
+use volery_features::GlobalDescriptor;
 use volery_localization::LocalizationIndex;
 use volery_scene::{DESCRIPTOR_LEN, Descriptor, Quality, QualityReason, SparseModel, Verdict};
 
-use super::part::Part;
+use super::part::{KeptFeatures, Part};
 use crate::map_folder::MapInput;
 
 /// Vertical axes of two maps that differ by more speak against one of them, radians.
@@ -17,13 +18,28 @@ const MAX_SCALE_SIGMAS: f64 = 4.0;
 /// Scale that two maps may disagree about in any case.
 const SCALE_SLACK: f64 = 0.02;
 
-/// Names of the posed images in order, and all inputs; a name that is taken gets that of its map.
+/// Names that are not given yet.
+#[derive(Default)]
+pub(super) struct Names(BTreeSet<String>);
+
+impl Names {
+    /// `name`, or if it is taken, one that begins with the number of its map.
+    pub(super) fn give(&mut self, name: &str, number: usize) -> String {
+        let mut new = name.to_owned();
+        while !self.0.insert(new.clone()) {
+            new = format!("{number}/{new}");
+        }
+        new
+    }
+}
+
+/// Names of the posed images in order, and all inputs.
 pub(super) fn names_and_inputs(
     parts: &[Part],
     poses: &[Option<Similarity3<f64>>],
+    names: &mut Names,
 ) -> (Vec<String>, Vec<MapInput>) {
-    let (mut names, mut inputs) = (Vec::new(), Vec::new());
-    let mut taken: BTreeSet<String> = BTreeSet::new();
+    let (mut posed, mut inputs) = (Vec::new(), Vec::new());
     for (number, (part, _)) in parts.iter().zip(poses).enumerate().filter(|(_, p)| p.1.is_some()) {
         let own: BTreeSet<&String> = part
             .info
@@ -32,24 +48,15 @@ pub(super) fn names_and_inputs(
             .map(|input| &input.name)
             .chain(part.map.model.images.values().map(|image| &image.name))
             .collect();
-        let renamed: BTreeMap<&String, String> = own
-            .into_iter()
-            .map(|name| {
-                let mut new = name.clone();
-                while taken.contains(&new) {
-                    new = format!("{}/{new}", number + 1);
-                }
-                (name, new)
-            })
-            .collect();
-        taken.extend(renamed.values().cloned());
-        names.extend(part.map.model.images.values().map(|image| renamed[&image.name].clone()));
+        let renamed: BTreeMap<&String, String> =
+            own.into_iter().map(|name| (name, names.give(name, number + 1))).collect();
+        posed.extend(part.map.model.images.values().map(|image| renamed[&image.name].clone()));
         inputs.extend(part.info.inputs.iter().map(|input| MapInput {
             name: renamed[&input.name].clone(),
             blake3: input.blake3.clone(),
         }));
     }
-    (names, inputs)
+    (posed, inputs)
 }
 
 /// The worst of the parts, and what they do not agree on.
@@ -82,26 +89,24 @@ pub(super) fn quality(parts: &[Part], poses: &[Option<Similarity3<f64>>]) -> Qua
     quality
 }
 
-/// The localization index of the merged model: keypoints whose descriptors the parts have kept.
-pub(super) fn index(
+/// What the parts have kept of their images, in the order of the merged model.
+pub(super) fn kept_features(
     parts: &[Part],
     poses: &[Option<Similarity3<f64>>],
-    model: &SparseModel,
-) -> LocalizationIndex {
-    let joined =
-        || parts.iter().zip(poses).filter(|(_, pose)| pose.is_some()).map(|(part, _)| part);
-    let known: Vec<Vec<Option<Descriptor>>> = joined()
-        .collect::<Vec<_>>()
+) -> Vec<KeptFeatures> {
+    let joined = parts.iter().zip(poses).filter(|(_, pose)| pose.is_some()).map(|(part, _)| part);
+    let joined: Vec<&Part> = joined.collect();
+    joined
         .par_iter()
-        .flat_map_iter(|part| (0..part.num_images()).map(|image| part.descriptors(image)))
-        .collect();
-    let globals: Vec<_> = joined()
-        .flat_map(|part| (0..part.num_images()).filter_map(|i| part.index.image_rows(i)))
-        .map(|rows| rows.global.clone())
-        .collect();
+        .flat_map_iter(|part| (0..part.num_images()).map(|image| part.kept_features(image)))
+        .collect()
+}
+
+/// The localization index of a model, of the keypoints whose descriptors are known.
+pub(super) fn index(model: &SparseModel, known: &[KeptFeatures]) -> LocalizationIndex {
     let mut kept = model.clone();
-    for (image, descriptors) in kept.images.values_mut().zip(&known) {
-        for (point, descriptor) in image.points.iter_mut().zip(descriptors) {
+    for (image, features) in kept.images.values_mut().zip(known) {
+        for (point, descriptor) in image.points.iter_mut().zip(&features.descriptors) {
             *point = point.filter(|_| descriptor.is_some());
         }
     }
@@ -113,8 +118,9 @@ pub(super) fn index(
     }
     points.retain(|_, point| !point.track.is_empty());
     let descriptors: Vec<Vec<Descriptor>> = known
-        .into_iter()
-        .map(|all| all.into_iter().map(|d| d.unwrap_or([0; DESCRIPTOR_LEN])).collect())
+        .iter()
+        .map(|all| all.descriptors.iter().map(|d| d.unwrap_or([0; DESCRIPTOR_LEN])).collect())
         .collect();
+    let globals: Vec<GlobalDescriptor> = known.iter().map(|all| all.global.clone()).collect();
     LocalizationIndex::new(&kept, &descriptors, &globals)
 }

@@ -44,6 +44,22 @@ fn write_page(html: &mut String, report: &RegisterReport) -> std::fmt::Result {
          <th class=n>Overlap<th class=n>RMS<th>"
     )?;
     report.pairs.iter().try_for_each(|pair| write_pair(html, pair))?;
+    write!(html, "</table>")?;
+    if report.photos.is_empty() {
+        return Ok(());
+    }
+    write!(html, "<h2>Photos</h2><table><tr><th>Photo<th>Joined<th>")?;
+    for photo in &report.photos {
+        let (class, joined) = if photo.joined { ("", "yes") } else { ("off", "no") };
+        let reason = photo.reason.as_deref().unwrap_or_default();
+        let same_as = photo.same_as.as_ref().map_or(String::new(), |name| format!(": {name}"));
+        write!(
+            html,
+            "<tr class='{class}'><td>{}<td>{joined}<td>{reason}{}",
+            escape(&photo.name),
+            escape(&same_as)
+        )?;
+    }
     write!(html, "</table>")
 }
 

@@ -3,11 +3,11 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use nalgebra::{Point3, Similarity3};
-use volery_features::{MatchOptions, match_features};
+use volery_features::{GlobalDescriptor, MatchOptions, match_features};
 use volery_geometry::KdTree;
 use volery_localization::LocalizationIndex;
 use volery_registration::CrossMatches;
-use volery_scene::{Descriptor, EnvironmentMap, FeatureMatch, ImageId, PointId};
+use volery_scene::{Descriptor, EnvironmentMap, FeatureMatch, ImageId, PointId, SparseModel};
 
 use crate::{
     PipelineError,
@@ -20,6 +20,15 @@ const NUM_SIMILAR: usize = 5;
 /// A point of the index is one of the model if it lies this near, as a share of the extent: the
 /// frame of the index may have been turned into that of the map.
 const SAME_POINT: f64 = 1e-6;
+
+/// What a map keeps of the features of an image.
+#[derive(Clone)]
+pub(super) struct KeptFeatures {
+    /// One per keypoint; `None` where it was not kept.
+    pub(super) descriptors: Vec<Option<Descriptor>>,
+    /// Of the whole image.
+    pub(super) global: GlobalDescriptor,
+}
 
 /// A map folder in memory.
 pub(super) struct Part {
@@ -80,18 +89,19 @@ impl Part {
         found
     }
 
-    /// Descriptors of all keypoints of the image at a position; `None` where they were not kept.
-    pub(super) fn descriptors(&self, image: usize) -> Vec<Option<Descriptor>> {
+    /// What is known of the keypoints of the image at a position.
+    pub(super) fn kept_features(&self, image: usize) -> KeptFeatures {
         let id = self.images[image];
-        let mut all = vec![None; self.map.model.images[&id].keypoints.len()];
-        if let Some(rows) = self.index.image_rows(image) {
-            for (keypoint, descriptor) in self.keypoints[image].iter().zip(rows.descriptors) {
-                if let Some(slot) = keypoint.and_then(|k| all.get_mut(k as usize)) {
-                    *slot = Some(*descriptor);
-                }
+        let mut descriptors = vec![None; self.map.model.images[&id].keypoints.len()];
+        let Some(rows) = self.index.image_rows(image) else {
+            return KeptFeatures { descriptors, global: GlobalDescriptor(Vec::new()) };
+        };
+        for (keypoint, descriptor) in self.keypoints[image].iter().zip(rows.descriptors) {
+            if let Some(slot) = keypoint.and_then(|k| descriptors.get_mut(k as usize)) {
+                *slot = Some(*descriptor);
             }
         }
-        all
+        KeptFeatures { descriptors, global: rows.global.clone() }
     }
 
     pub(super) fn num_images(&self) -> usize {
@@ -99,7 +109,26 @@ impl Part {
     }
 }
 
-/// The keypoints of the index: it numbers points and rows anew, and keeps positions.
+/// The points of a model that those of its index are: it numbers them anew, and keeps positions.
+pub(super) fn points_of_index(
+    index: &LocalizationIndex,
+    model: &SparseModel,
+    map_from_index: &Similarity3<f64>,
+) -> Vec<Option<PointId>> {
+    let ids: Vec<PointId> = model.points.keys().copied().collect();
+    let positions: Vec<Point3<f64>> = model.points.values().map(|p| p.position).collect();
+    let extent = positions.iter().map(|p| p.coords.norm()).fold(0.0, f64::max);
+    let tree = KdTree::new(&positions);
+    (0..index.num_points() as u32)
+        .map(|point| {
+            let at = map_from_index * index.position(point)?;
+            let near = tree.nearest_within(&at, SAME_POINT * extent)?;
+            Some(ids[near.index as usize])
+        })
+        .collect()
+}
+
+/// The keypoints of the rows of the index.
 fn keypoints(
     info: &MapInfo,
     map: &EnvironmentMap,
@@ -107,17 +136,7 @@ fn keypoints(
 ) -> Vec<Vec<Option<u32>>> {
     let map_from_index =
         info.map_from_index.as_ref().map_or(Similarity3::identity(), |moved| moved.similarity());
-    let ids: Vec<PointId> = map.model.points.keys().copied().collect();
-    let positions: Vec<Point3<f64>> = map.model.points.values().map(|p| p.position).collect();
-    let extent = positions.iter().map(|p| p.coords.norm()).fold(0.0, f64::max);
-    let tree = KdTree::new(&positions);
-    let point_ids: Vec<Option<PointId>> = (0..index.num_points() as u32)
-        .map(|point| {
-            let at = map_from_index * index.position(point)?;
-            let near = tree.nearest_within(&at, SAME_POINT * extent)?;
-            Some(ids[near.index as usize])
-        })
-        .collect();
+    let point_ids = points_of_index(index, &map.model, &map_from_index);
     map.model
         .images
         .values()

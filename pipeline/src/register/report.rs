@@ -6,7 +6,7 @@ use nalgebra::Similarity3;
 use serde::{Deserialize, Serialize};
 use volery_scene::{PointId, Quality, RegisteredImage};
 
-use super::{Pair, part::Part};
+use super::{pairs::Pair, part::Part};
 use crate::PipelineError;
 
 /// Where a map lies in the merged one.
@@ -51,6 +51,44 @@ pub struct PairReport {
     pub error: Option<PipelineError>,
 }
 
+/// What became of a photo that was to join a map.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PhotoReport {
+    /// As given.
+    pub name: String,
+    /// Whether it has a pose in the map now that it had not before.
+    pub joined: bool,
+    /// Why not, a stable code: `already_in_map`, `repeated`, what is wrong with its bytes, or as in
+    /// the answer to a photo that was not found.
+    pub reason: Option<String>,
+    /// The photo of the same content, in the map or among the given ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub same_as: Option<String>,
+}
+
+impl PhotoReport {
+    /// Whether it should have joined and did not.
+    fn is_left_out(&self) -> bool {
+        !self.joined && self.same_as.is_none()
+    }
+
+    /// Photos by what kept them from joining.
+    pub(super) fn told(photos: &[Self]) -> String {
+        let told: Vec<String> = photos
+            .iter()
+            .filter(|photo| !photo.joined)
+            .take(MAX_TOLD)
+            .map(|photo| format!("{} {}", photo.name, photo.reason.as_deref().unwrap_or_default()))
+            .collect();
+        let rest = photos.iter().filter(|photo| !photo.joined).count() - told.len();
+        let and = if rest > 0 { format!(" and {rest} more") } else { String::new() };
+        told.join(", ") + &and
+    }
+}
+
+/// Photos that an error names one by one.
+const MAX_TOLD: usize = 5;
+
 /// The maps and every pair of them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegisterReport {
@@ -58,6 +96,9 @@ pub struct RegisterReport {
     pub maps: Vec<MapReport>,
     /// Every pair.
     pub pairs: Vec<PairReport>,
+    /// Those that were to join, in the order given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub photos: Vec<PhotoReport>,
     /// Points that more than one map knew.
     pub num_shared_points: usize,
     /// Points of the merged map.
@@ -69,9 +110,20 @@ pub struct RegisterReport {
 }
 
 impl RegisterReport {
-    /// What the merged map lacks first; `None` where every map became a part of a good one.
+    /// What the merged map lacks first; `None` where every map, or nine of ten photos, became a part
+    /// of a good one.
     pub fn lack(&self) -> Option<PipelineError> {
-        if let Some(map) = self.maps.iter().find(|map| !map.joined) {
+        let num_left_out = self.photos.iter().filter(|photo| photo.is_left_out()).count();
+        let num_given = self.photos.iter().filter(|photo| photo.same_as.is_none()).count();
+        if num_left_out * 10 > num_given {
+            let told = PhotoReport::told(&self.photos);
+            let detail = format!("{num_left_out} of {num_given} new photos did not join: {told}");
+            let hint = "take photos that show what photos of the map show";
+            return Some(PipelineError::new("images_unplaced", detail, hint));
+        }
+        // Photos that are no map of their own may have joined one by one.
+        let maps = self.maps.iter().filter(|_| self.photos.is_empty());
+        if let Some(map) = maps.into_iter().find(|map| !map.joined) {
             let about = |pair: &&PairReport| pair.source == map.name || pair.target == map.name;
             let error = self.pairs.iter().filter(about).find_map(|pair| pair.error.as_ref());
             let why = error.map_or(String::new(), |error| format!(": {}", error.detail));

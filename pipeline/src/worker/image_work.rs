@@ -4,16 +4,16 @@ use volery_api::ImageEncoding;
 use volery_formats::{
     DecodeError, DecodeLimits, FocalSource, decode_image, downscale_to_max_side, read_exif,
 };
-use volery_geometry::{Camera, CameraModel};
+use volery_geometry::Camera;
 use volery_scene::GrayImage;
 
-use crate::{cameras::scaled_to, map_folder::MapFolder};
+use crate::{
+    cameras::{likely_camera, scaled_to},
+    map_folder::MapFolder,
+};
 
 /// Queries are made smaller until no side is longer, pixels: more costs time and adds nothing.
 const MAX_QUERY_SIZE: u32 = 1600;
-
-/// EXIF and the map's camera are the same lens if their focal lengths differ by less than this.
-const MAX_FOCAL_DIFFERENCE: f64 = 0.15;
 
 /// An image to be localized.
 pub struct Query {
@@ -99,13 +99,7 @@ pub fn query_image(
 fn own_camera(bytes: &[u8], width: u32, height: u32, map: &MapFolder) -> Option<Camera> {
     let exif = read_exif(bytes).focal_px(width, height);
     let exif_px = (exif.source != FocalSource::Guess).then_some(exif.px);
-    let of_map = map.camera_for(width, height);
-    let same_lens = |camera: &Camera| {
-        exif_px.is_none_or(|px| (px / camera.mean_focal() - 1.0).abs() < MAX_FOCAL_DIFFERENCE)
-    };
-    of_map
-        .filter(same_lens)
-        .or_else(|| Camera::from_focal(CameraModel::SimplePinhole, width, height, exif_px?).ok())
+    likely_camera(map.camera_for(width, height), (width, height), exif_px)
 }
 
 fn raw_image(

@@ -9,15 +9,15 @@ use std::{
 };
 
 use volery_api::{
-    JobKind, StageGroup,
+    JobKind,
     worker::{JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER},
 };
 use volery_scene::{Progress, Stage};
 
 use super::{parent, wire};
 use crate::{
-    MapSource, PipelineError, RegisterReport, Summary, error::code, reconstruct, register_maps,
-    summary::Warning,
+    MapSource, PipelineError, RegisterReport, Summary, error::code, extend_map, reconstruct,
+    register_maps, summary::Warning,
 };
 
 /// Finished units, beside the map folder.
@@ -65,7 +65,7 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
     let spec: JobSpec = serde_json::from_slice(&bytes)
         .map_err(|e| PipelineError::plain(code::BAD_INPUT, format!("{JOB_FILE}: {e}")))?;
     let (kind, seed) = (spec.kind, spec.seed);
-    let mut maps: Vec<MapSource> = spec
+    let maps: Vec<MapSource> = spec
         .maps
         .iter()
         .map(|map| MapSource { name: map.name.clone(), folder: work_dir.join(&map.path) })
@@ -81,11 +81,12 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
             Ok((registered(&register_maps(&maps, seed, &out, lines)?), Vec::new()))
         }
         JobKind::ExtendMap => {
-            let folder = work_dir.join(NEW_FOLDER);
-            let spec = crate::JobSpec { stages: vec![StageGroup::Sfm], ..spec };
-            let summary = reconstruct(&spec, &cache, &folder, lines)?;
-            maps.push(MapSource { name: "new photos".to_owned(), folder });
-            Ok((registered(&register_maps(&maps, seed, &out, lines)?), summary.warnings))
+            let [map] = &maps[..] else {
+                let detail = format!("photos join one map, not {}", maps.len());
+                return Err(PipelineError::plain(code::BAD_INPUT, detail));
+            };
+            let new = work_dir.join(NEW_FOLDER);
+            Ok((registered(&extend_map(map, &spec, &cache, &new, &out, lines)?), Vec::new()))
         }
     }
 }

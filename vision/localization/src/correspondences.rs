@@ -9,9 +9,11 @@ use crate::localize::LocalizationPrior;
 
 /// A keypoint of the query and a point of the map that it may see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Pair {
-    pub(crate) keypoint: u32,
-    pub(crate) point: u32,
+pub struct Pair {
+    /// Of the features of the query.
+    pub keypoint: u32,
+    /// Of the index.
+    pub point: u32,
 }
 
 /// Matches of the query with one map image.

@@ -14,10 +14,11 @@ mod map_share;
 mod refine;
 mod solve;
 
+pub use correspondences::Pair as Correspondence;
 pub use index::{ImageRows, IndexError, LocalizationIndex};
 pub use localize::{
-    LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate, Status,
-    StepTimings, localize, localize_features,
+    LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate,
+    Reference, Status, StepTimings, localize, localize_features,
 };
 pub use template::{
     RenderScore, SearchSide, TemplateAnswer, TemplateOptions, TemplateProof, localize_by_template,

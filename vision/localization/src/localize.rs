@@ -5,9 +5,9 @@ use volery_features::{PackedDescriptors, SiftOptions, detect_and_describe, globa
 use volery_geometry::Camera;
 use volery_scene::{Features, GrayImage};
 
-use crate::LocalizationIndex;
 use crate::correspondences::{ImageMatches, match_images, pool, rank_images, sort_by_matches};
 use crate::solve::PoseSolver;
+use crate::{Correspondence, LocalizationIndex};
 
 /// What is known before.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -28,11 +28,23 @@ pub struct LocalizeOptions {
     pub num_retrieved: usize,
     /// Seed of the random choices.
     pub seed: u64,
+    /// What the covariance speaks of.
+    pub error_against: Reference,
+}
+
+/// What an error of a pose is measured against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Reference {
+    /// The true place: what the map is off counts.
+    #[default]
+    Truth,
+    /// The map as it is, for images that are to be refined together with it.
+    Map,
 }
 
 impl Default for LocalizeOptions {
     fn default() -> Self {
-        Self { max_features: 2000, num_retrieved: 10, seed: 0 }
+        Self { max_features: 2000, num_retrieved: 10, seed: 0, error_against: Reference::Truth }
     }
 }
 
@@ -60,6 +72,8 @@ pub struct PoseEstimate {
     pub inlier_ratio: f64,
     /// Root mean square reprojection error, pixels.
     pub reprojection_px: f64,
+    /// The inliers, if they are features that see points of the map.
+    pub sightings: Vec<Correspondence>,
 }
 
 /// Why an image was not found. The names are stable codes.
@@ -187,7 +201,7 @@ pub fn localize_features(
     let started = clock();
     let packed = PackedDescriptors::new(&features.descriptors);
     let ranked = rank_images(index, &global_descriptor(features), prior);
-    let solver = PoseSolver::new(index, features, camera, options.seed);
+    let solver = PoseSolver::new(index, features, camera, options);
     timings.match_ms += (clock() - started) * 1e3;
 
     answer.status = Status::NotFound(NotFoundReason::TooFewMatches);

@@ -1,6 +1,6 @@
 //! From pairs of keypoints and points to a pose that is believed.
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Matrix6, Point2, Point3};
 use volery_estimation::absolute_pose::{RefinedPose, refine_absolute_pose};
 use volery_estimation::{AbsolutePoseOptions, estimate_absolute_pose};
 use volery_geometry::{Camera, median};
@@ -10,7 +10,9 @@ use crate::LocalizationIndex;
 use crate::acceptance::{Evidence, MIN_INLIERS, covariance_in_map, judge};
 use crate::correspondences::Pair;
 use crate::guided::{KeypointGrid, match_projected};
-use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
+use crate::localize::{
+    LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate, Reference, Status,
+};
 use crate::map_share::map_share;
 use crate::refine::{Sight, refine_weighted};
 
@@ -42,6 +44,7 @@ pub(crate) struct PoseSolver<'a> {
     /// Thresholds are for images 640 pixels wide; larger images get larger ones.
     pixel_scale: f64,
     seed: u64,
+    error_against: Reference,
 }
 
 /// A pose with all that speaks for it.
@@ -59,11 +62,12 @@ impl<'a> PoseSolver<'a> {
         index: &'a LocalizationIndex,
         features: &'a Features,
         camera: &'a Camera,
-        seed: u64,
+        options: &LocalizeOptions,
     ) -> Self {
         let grid = KeypointGrid::new(features, camera);
         let pixel_scale = (f64::from(camera.width.max(camera.height)) / 640.0).max(1.0);
-        Self { index, features, camera, grid, pixel_scale, seed }
+        let LocalizeOptions { seed, error_against, .. } = *options;
+        Self { index, features, camera, grid, pixel_scale, seed, error_against }
     }
 
     /// The pose that `pairs` speak for.
@@ -194,7 +198,10 @@ impl<'a> PoseSolver<'a> {
         let sights = self.sights(&inliers);
         let weighted = refine_weighted(&sights, self.camera, &pose)?;
         let pose = weighted.cam_from_world;
-        let from_map = map_share(self.index, &sights, self.camera, &weighted);
+        let from_map = match self.error_against {
+            Reference::Truth => map_share(self.index, &sights, self.camera, &weighted),
+            Reference::Map => Matrix6::zeros(),
+        };
         let covariance = covariance_in_map(&pose, &(weighted.covariance + from_map));
         let median_depth = self.median_depth(&pose, &inliers);
         let (pixels, _) = self.split(&inliers);
@@ -210,6 +217,7 @@ impl<'a> PoseSolver<'a> {
                 num_inliers: inliers.len(),
                 inlier_ratio: inliers.len() as f64 / num_pairs.max(1) as f64,
                 reprojection_px: refined.rms_px,
+                sightings: inliers.clone(),
             },
             inliers,
         })

@@ -69,6 +69,25 @@ impl SparseModel {
         (num_observations > 0).then(|| sum / num_observations as f64)
     }
 
+    /// Adds an image; the points that its keypoints see are seen by it from now on. Of points that
+    /// are not there, and of a point that another keypoint sees already, it keeps nothing.
+    pub fn add_image(&mut self, mut image: RegisteredImage) -> ImageId {
+        let id = ImageId(self.images.keys().next_back().map_or(0, |last| last.0 + 1));
+        for (keypoint, slot) in (0_u32..).zip(&mut image.points) {
+            let point = slot.and_then(|point| self.points.get_mut(&point));
+            let observation = Observation { image: id, keypoint };
+            match point.filter(|point| point.track.iter().all(|o| o.image != id)) {
+                Some(point) => {
+                    let at = point.track.partition_point(|o| *o < observation);
+                    point.track.insert(at, observation);
+                }
+                None => *slot = None,
+            }
+        }
+        self.images.insert(id, image);
+        id
+    }
+
     /// Moves the whole model: `x_in_target = target_from_world * x`.
     pub fn transform(&mut self, target_from_world: &nalgebra::Similarity3<f64>) {
         let rotation = target_from_world.isometry.rotation;

@@ -319,6 +319,7 @@ impl Finder<'_> {
                 num_inliers: refined.num_inliers,
                 inlier_ratio: refined.num_inliers as f64 / num_tried.max(1) as f64,
                 reprojection_px: refined.rms_px * self.original_scale,
+                sightings: Vec::new(),
             },
             proof,
         }
