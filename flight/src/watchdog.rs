@@ -59,6 +59,8 @@ pub enum Reason {
     LeaseOver,
     /// The battery is low.
     BatteryLow,
+    /// Another vehicle comes too near.
+    TooClose,
 }
 
 impl Reason {
@@ -73,6 +75,7 @@ impl Reason {
             Self::LinkLost => "link_lost",
             Self::LeaseOver => "lease_over",
             Self::BatteryLow => "battery_low",
+            Self::TooClose => "too_close",
         }
     }
 }

@@ -38,14 +38,15 @@ pub struct Deconfliction {
     pub views: Option<ViewRange>,
     /// Distance planned beyond the required one: what vehicles stray from their ways. Meters.
     pub margin: f64,
-    /// Places that others occupy all the time.
+    /// Places of vehicles on the ground. Their propellers stand, so heights count fully, and they
+    /// do not stray.
     pub obstacles: Vec<Point3<f64>>,
 }
 
 impl Default for Deconfliction {
-    /// Horizontal-vertical ways without views; two vehicles stray by 0.2 m each.
+    /// Horizontal-vertical ways without views; one vehicle lags by 0.5 m.
     fn default() -> Self {
-        Self { style: PathStyle::default(), views: None, margin: 0.4, obstacles: Vec::new() }
+        Self { style: PathStyle::default(), views: None, margin: 0.5, obstacles: Vec::new() }
     }
 }
 
@@ -99,6 +100,7 @@ pub fn deconflict(
                 whole.append(&way);
             }
         }
+        plan.stages.push(plan.duration());
     }
     Ok(plan)
 }
@@ -142,13 +144,14 @@ fn transfer(moves: &[Move], rules: &Rules, how: &Deconfliction) -> Result<Vec<Wa
 
 /// Whether a way keeps clear of obstacles and of all ways found so far.
 fn is_clear(way: &Trajectory, found: &[Way], how: &Deconfliction, apart: &Separation) -> bool {
-    let standing =
-        how.obstacles.iter().map(|&position| Trajectory::standing(Waypoint { position, yaw: 0.0 }));
-    let clear = |other: &Trajectory| {
-        // Not shorter than required; a whisker less is rounding.
+    // A whisker less than required is rounding.
+    let clear = |other: &Trajectory, apart: &Separation| {
         closest_approach(way, other, apart).distance >= apart.distance - 1e-6
     };
-    found.iter().all(|(_, other)| clear(other)) && standing.into_iter().all(|o| clear(&o))
+    let ground = Separation { distance: apart.distance - 0.5 * how.margin, vertical_weight: 1.0 };
+    let standing = |position| Trajectory::standing(Waypoint { position, yaw: 0.0 });
+    found.iter().all(|(_, other)| clear(other, apart))
+        && how.obstacles.iter().all(|&place| clear(&standing(place), &ground))
 }
 
 /// All ways of one vehicle that keep to limits and fence, the earliest arrival first.
@@ -248,7 +251,7 @@ fn refusal(
         _ => true,
     };
     let rules = Rules { separation: *apart, ..rules.clone() };
-    let mut violations = FlightPlan { ways }.check(&rules);
+    let mut violations = FlightPlan { ways, stages: Vec::new() }.check(&rules);
     violations.retain(concerns);
     Unplannable { vehicle, violations }
 }

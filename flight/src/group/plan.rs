@@ -32,6 +32,8 @@ pub struct Rules {
 pub struct FlightPlan {
     /// Way of each vehicle.
     pub ways: BTreeMap<VehicleId, Trajectory>,
+    /// When everybody has reached the first goals, the second ones and so on.
+    pub stages: Vec<Duration>,
 }
 
 /// Why a plan is refused.

@@ -107,6 +107,19 @@ impl Segment {
         }
     }
 
+    /// The part from `from` to `to`, seconds into the piece, as a piece that starts at `start`.
+    pub(crate) fn part(&self, from: f64, to: f64, start: f64) -> Self {
+        Self {
+            start,
+            duration: to - from,
+            position: self.position_at(from),
+            velocity: self.velocity_at(from),
+            yaw: self.yaw_at(from),
+            yaw_rate: self.yaw_rate + self.yaw_acceleration * from,
+            ..*self
+        }
+    }
+
     /// No number of the piece is infinite or NaN, and time runs forward.
     pub fn is_finite(&self) -> bool {
         let scalars = [self.start, self.duration, self.yaw, self.yaw_rate, self.yaw_acceleration];

@@ -76,7 +76,6 @@ impl Trajectory {
         trajectory
     }
 
-    #[cfg(test)]
     /// Pieces as they are; the vehicle stays where the last one ends.
     pub(crate) fn from_segments(segments: Vec<Segment>, end: Waypoint) -> Self {
         Self { segments, end }
@@ -144,6 +143,23 @@ impl Trajectory {
         let moved = next.segments.iter().map(|s| Segment { start: s.start + offset, ..*s });
         self.segments.extend(moved);
         self.end = next.end;
+    }
+
+    /// The part from `from` to `to` seconds as a trajectory of its own, whose start may move.
+    pub(crate) fn window(&self, from: f64, to: f64) -> Vec<Segment> {
+        let (mut pieces, mut t) = (Vec::new(), from);
+        while t < to {
+            let Some(piece) = self.segment_at(t) else {
+                let end = self.end;
+                let rest = Segment::rest(LegKind::Wait, t - from, to - t, end.position, end.yaw);
+                pieces.push(rest);
+                break;
+            };
+            let until = piece.end().min(to);
+            pieces.push(piece.part(t - piece.start, until - piece.start, t - from));
+            t = until;
+        }
+        pieces
     }
 
     /// Where a vehicle shall be at the time `t` since the start.

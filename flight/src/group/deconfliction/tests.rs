@@ -65,7 +65,8 @@ fn ten_crossing_vehicles_find_their_ways() {
             let legs = legs(task.start, &task.goals[0], PathStyle::HorizontalVertical);
             (task.vehicle, timed(task.start, &legs, Duration::ZERO, &rules, &plain))
         };
-        let naive = FlightPlan { ways: tasks.iter().map(direct).collect() };
+        let naive =
+            FlightPlan { ways: tasks.iter().map(direct).collect(), ..FlightPlan::default() };
         let met = naive.check(&rules).len();
         assert!(met >= 10, "plain ways meet in the middle: {met}");
         let plan = deconflict(&tasks, &rules, &how).unwrap();
@@ -135,8 +136,9 @@ fn the_standing_are_flown_around() {
     let how = Deconfliction { obstacles, ..how };
     let alone = deconflict(&[crossing], &rules, &how).unwrap();
     let obstacle = Trajectory::standing(standing.start);
-    let nearest = closest_approach(&alone.ways[&VehicleId(1)], &obstacle, &rules.separation);
-    assert!(nearest.distance >= 1.4 - 1e-5, "{nearest:?}");
+    let truly = Separation { vertical_weight: 1.0, ..rules.separation };
+    let nearest = closest_approach(&alone.ways[&VehicleId(1)], &obstacle, &truly);
+    assert!(nearest.distance >= 1.25 - 1e-5, "{nearest:?}");
 }
 
 /// Goals that are too near to each other cannot be planned: refused with the pair and the time.

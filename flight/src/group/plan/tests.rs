@@ -24,7 +24,7 @@ fn way(from: [f64; 3], to: [f64; 3]) -> Trajectory {
 }
 
 fn plan(ways: impl IntoIterator<Item = Trajectory>) -> FlightPlan {
-    FlightPlan { ways: (1..).map(VehicleId).zip(ways).collect() }
+    FlightPlan { ways: (1..).map(VehicleId).zip(ways).collect(), stages: Vec::new() }
 }
 
 fn codes(plan: &FlightPlan, rules: &Rules) -> Vec<&'static str> {
