@@ -17,6 +17,7 @@ mod link;
 mod message;
 pub mod motion;
 mod pilot;
+pub mod positioning;
 mod refusal;
 mod setpoint;
 mod signing;
