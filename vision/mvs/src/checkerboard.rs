@@ -3,8 +3,13 @@
 
 use rayon::prelude::*;
 
-use crate::patch::LANES;
-use crate::plane::Plane;
+use crate::patch::{LANES, Lanes};
+use crate::plane::{Plane, Planes};
+
+/// Sources that judge sixteen pixels, those that agree best with what the pixels believe.
+pub(crate) const JURY: usize = 4;
+/// Numbers of a cell.
+const NUMBERS: usize = 4;
 
 /// Pixels of the other color from which planes come, for each of four directions: near ones in
 /// the shape of a V and far ones in a line, of which the best is taken.
@@ -20,24 +25,49 @@ pub(crate) struct Cell {
     pub(crate) cost: f32,
 }
 
+/// Sixteen cells, number by number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Cells {
+    pub(crate) planes: Planes,
+    pub(crate) costs: Lanes,
+    pub(crate) jury: Jury,
+}
+
+/// The sources that judge sixteen pixels.
+pub(crate) type Jury = [u8; JURY];
+
 /// A plane for every pixel; the pixels of the two colors of a checkerboard lie apart, so that one
 /// color is changed while the other is read.
 #[derive(Debug, Clone)]
 pub(crate) struct Field {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Per color, row by row, [`Self::half`] per row; the last of a row may be spare.
-    colors: [Vec<Cell>; 2],
+    /// Per color, row by row: inverse depths, both slopes and costs of [`Self::half`] pixels each,
+    /// of which the last may be spare.
+    colors: [Vec<f32>; 2],
+    /// Per color, row by row, for every sixteen pixels.
+    juries: [Vec<Jury>; 2],
 }
 
 impl Field {
     pub(crate) fn new(width: usize, height: usize, cell: impl Fn(usize, usize) -> Cell) -> Self {
         let half = width.div_ceil(2);
         let colors = [0, 1].map(|color| {
-            let rows = (0..height).flat_map(|y| (0..half).map(move |i| (i, y)));
-            rows.map(|(i, y)| cell(column(color, i, y).min(width - 1), y)).collect()
+            let mut numbers = vec![0.0; NUMBERS * half * height];
+            for (y, row) in numbers.chunks_exact_mut(NUMBERS * half).enumerate() {
+                for i in 0..half {
+                    let Cell { plane, cost } = cell(column(color, i, y).min(width - 1), y);
+                    for (k, value) in
+                        [plane.w, plane.slope_u, plane.slope_v, cost].into_iter().enumerate()
+                    {
+                        row[k * half + i] = value;
+                    }
+                }
+            }
+            numbers
         });
-        Self { width, height, colors }
+        let juries = [0, 1].map(|_| vec![Jury::default(); half.div_ceil(LANES) * height]);
+        Self { width, height, colors, juries }
     }
 
     fn half(&self) -> usize {
@@ -49,24 +79,37 @@ impl Field {
     pub(crate) fn change(
         &mut self,
         color: usize,
-        change: impl Fn(&Block, &Neighbors, &mut [Cell; LANES]) + Sync,
+        change: impl Fn(&Block, &Neighbors, &mut Cells) + Sync,
     ) {
         let (width, height, half) = (self.width, self.height, self.half());
         let [first, second] = &mut self.colors;
         let (own, other) = if color == 0 { (first, &*second) } else { (second, &*first) };
-        let neighbors = Neighbors { cells: other, width, height, half };
-        own.par_chunks_mut(half).enumerate().for_each(|(y, row)| {
-            for start in (0..half).step_by(LANES) {
-                let block = Block::new(color, start, y, width);
-                let mut cells = block.indices.map(|i| row[i]);
-                change(&block, &neighbors, &mut cells);
-                row[start..start + block.num_lanes].copy_from_slice(&cells[..block.num_lanes]);
-            }
-        });
+        let neighbors = Neighbors { numbers: other, width, height, half };
+        let juries = self.juries[color].par_chunks_mut(half.div_ceil(LANES));
+        own.par_chunks_mut(NUMBERS * half).zip(juries).enumerate().for_each(
+            |(y, (row, juries))| {
+                for (start, jury) in (0..half).step_by(LANES).zip(juries) {
+                    let block = Block::new(color, start, y, width);
+                    let [w, slope_u, slope_v, costs] =
+                        std::array::from_fn(|k| block.indices.map(|i| row[k * half + i]));
+                    let mut cells = Cells { planes: [w, slope_u, slope_v], costs, jury: *jury };
+                    change(&block, &neighbors, &mut cells);
+                    let Cells { planes: [w, slope_u, slope_v], costs, .. } = cells;
+                    for (k, lanes) in [w, slope_u, slope_v, costs].iter().enumerate() {
+                        let run = &mut row[k * half + start..][..block.num_lanes];
+                        run.copy_from_slice(&lanes[..block.num_lanes]);
+                    }
+                    *jury = cells.jury;
+                }
+            },
+        );
     }
 
-    pub(crate) fn get(&self, x: usize, y: usize) -> &Cell {
-        &self.colors[(x + y) % 2][y * self.half() + x / 2]
+    pub(crate) fn get(&self, x: usize, y: usize) -> Cell {
+        let half = self.half();
+        let row = &self.colors[(x + y) % 2][NUMBERS * half * y..];
+        let [w, slope_u, slope_v, cost] = std::array::from_fn(|k| row[k * half + x / 2]);
+        Cell { plane: Plane { w, slope_u, slope_v }, cost }
     }
 }
 
@@ -96,16 +139,18 @@ impl Block {
 
 /// The pixels of the other color.
 pub(crate) struct Neighbors<'a> {
-    cells: &'a [Cell],
+    numbers: &'a [f32],
     width: usize,
     height: usize,
     half: usize,
 }
 
 impl Neighbors<'_> {
-    /// The cheapest plane in a direction, moved to the pixel.
-    pub(crate) fn best(&self, x: usize, y: usize, direction: usize) -> Option<Plane> {
-        let mut best: Option<(&Cell, [isize; 2])> = None;
+    /// The cheapest planes in a direction, moved to the pixels; their `own` where there is none.
+    #[inline(always)]
+    pub(crate) fn best(&self, block: &Block, direction: usize, own: &Planes) -> Planes {
+        let mut best = *own;
+        let mut least = [f32::INFINITY; LANES];
         for [across, along] in UPWARD {
             let [dx, dy] = match direction {
                 0 => [across, along],
@@ -113,17 +158,39 @@ impl Neighbors<'_> {
                 2 => [along, across],
                 _ => [-along, across],
             };
-            let (nx, ny) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
             // What is less than zero wraps to more than any size.
-            if nx >= self.width || ny >= self.height {
+            let y = block.y.wrapping_add_signed(dy);
+            if y >= self.height {
                 continue;
             }
-            let cell = &self.cells[ny * self.half + nx / 2];
-            if best.is_none_or(|(other, _)| cell.cost < other.cost) {
-                best = Some((cell, [dx, dy]));
+            let row = &self.numbers[NUMBERS * self.half * y..][..NUMBERS * self.half];
+            let [first, last] = [0, LANES - 1].map(|k| block.columns[k].wrapping_add_signed(dx));
+            let [w, slope_u, slope_v, costs]: [Lanes; NUMBERS] =
+                if block.num_lanes == LANES && first < self.width && last < self.width {
+                    std::array::from_fn(|k| {
+                        let run = &row[k * self.half + first / 2..];
+                        *run.first_chunk().expect("the last of them is in the row")
+                    })
+                } else {
+                    let at = block.columns.map(|x| x.wrapping_add_signed(dx));
+                    let known = |k: usize| {
+                        at.map(|x| {
+                            if x < self.width { row[k * self.half + x / 2] } else { f32::INFINITY }
+                        })
+                    };
+                    [known(0), known(1), known(2), known(3)]
+                };
+            let (dx, dy) = (dx as f32, dy as f32);
+            for lane in 0..LANES {
+                let better = costs[lane] < least[lane];
+                let moved = w[lane] - slope_u[lane] * dx - slope_v[lane] * dy;
+                best[0][lane] = if better { moved } else { best[0][lane] };
+                best[1][lane] = if better { slope_u[lane] } else { best[1][lane] };
+                best[2][lane] = if better { slope_v[lane] } else { best[2][lane] };
+                least[lane] = if better { costs[lane] } else { least[lane] };
             }
         }
-        best.map(|(cell, [dx, dy])| cell.plane.moved(-dx as f32, -dy as f32))
+        best
     }
 }
 
@@ -145,9 +212,9 @@ mod tests {
             let mut field = numbered(width, height);
             for color in 0..2 {
                 field.change(color, |block, _, cells| {
-                    for (cell, x) in cells.iter_mut().zip(block.columns) {
-                        assert_eq!(cell.plane.w, (block.y * width + x) as f32);
-                        cell.cost += 1.0;
+                    for (lane, x) in block.columns.into_iter().enumerate() {
+                        assert_eq!(cells.planes[0][lane], (block.y * width + x) as f32);
+                        cells.costs[lane] += 1.0;
                     }
                 });
             }
@@ -160,17 +227,28 @@ mod tests {
     /// The cheapest of the neighbors in a direction, as a plane of the pixel that asks.
     #[test]
     fn good_planes_come_from_every_direction() {
-        for (direction, [y, x]) in [[9, 20], [31, 20], [20, 9], [20, 31]].into_iter().enumerate() {
-            let mut field = Field::new(41, 41, |at_x, at_y| {
+        // In the middle, and at the right and the left rim, where blocks are not full.
+        for (own_x, direction, [y, x]) in [
+            (20, 0, [9, 20]),
+            (20, 1, [31, 20]),
+            (20, 2, [20, 9]),
+            (20, 3, [20, 31]),
+            (64, 0, [9, 64]),
+            (64, 2, [20, 53]),
+            (0, 1, [31, 0]),
+            (0, 3, [20, 11]),
+        ] {
+            let mut field = Field::new(65, 41, |at_x, at_y| {
                 let cost = if (at_x, at_y) == (x, y) { 0.1 } else { 1.0 };
                 let own = if cost < 1.0 { 7.0 } else { 0.0 };
                 Cell { plane: Plane { w: own, slope_u: 0.5, slope_v: 0.25 }, cost }
             });
-            let expected = 7.0 + 0.5 * (20.0 - x as f32) + 0.25 * (20.0 - y as f32);
-            field.change(0, |block, neighbors, _| {
-                if block.y == 20 {
-                    let best = neighbors.best(20, 20, direction).map(|plane| plane.w);
-                    assert_eq!(best, Some(expected), "direction {direction}");
+            let expected = 7.0 + 0.5 * (own_x as f32 - x as f32) + 0.25 * (20.0 - y as f32);
+            field.change(0, |block, neighbors, cells| {
+                let lane = block.columns.iter().position(|&column| column == own_x);
+                if let Some(lane) = lane.filter(|_| block.y == 20) {
+                    let best = neighbors.best(block, direction, &cells.planes)[0][lane];
+                    assert_eq!(best, expected, "direction {direction} of {own_x}");
                 }
             });
         }

@@ -7,7 +7,7 @@ use volery_scene::DepthMap;
 use crate::checkerboard::{Cell, Field};
 use crate::dice::Dice;
 use crate::patch::PatchSource;
-use crate::patch_match::{Judge, MAX_COST};
+use crate::patch_match::{Judge, MAX_COST, Sweep};
 use crate::planar_prior::{Support, planar_prior};
 use crate::plane::{Plane, Rays};
 use crate::selection::Neighborhood;
@@ -19,6 +19,8 @@ use crate::working_image::{Level, NUM_LEVELS, WorkingImage};
 const SWEEPS: [u64; NUM_LEVELS] = [1, 3, 5];
 /// Iterations once other depth maps have a say.
 const GEOMETRIC_SWEEPS: u64 = 2;
+/// Iterations after which the sources that judge are chosen anew.
+const SUMMON_EVERY: u64 = 2;
 
 /// An image with the images that judge its depth.
 pub(crate) struct Stereo<'a> {
@@ -45,7 +47,11 @@ impl Stereo<'_> {
                 }
             };
             for sweep in 0..SWEEPS[level] {
-                judge.sweep(&mut finer, (level as u64) << 8 | sweep);
+                let number = (level as u64) << 8 | sweep;
+                judge.sweep(
+                    &mut finer,
+                    Sweep { number, summons: sweep.is_multiple_of(SUMMON_EVERY) },
+                );
             }
             field = Some(finer);
         }
@@ -70,7 +76,8 @@ impl Stereo<'_> {
             Cell { plane, cost: 1.0 - f32::from(start.confidence[index]) / 255.0 }
         });
         for sweep in 0..GEOMETRIC_SWEEPS {
-            judge.sweep(&mut field, 1 << 16 | sweep);
+            let number = 1 << 16 | sweep;
+            judge.sweep(&mut field, Sweep { number, summons: sweep.is_multiple_of(SUMMON_EVERY) });
         }
         self.depth_map(&field)
     }
@@ -163,7 +170,7 @@ impl Stereo<'_> {
         let camera = &self.level(level).camera;
         Field::new(camera.width as usize, camera.height as usize, |x, y| {
             let (cx, cy) = ((x / 2).min(coarser.width - 1), (y / 2).min(coarser.height - 1));
-            let Cell { plane, cost } = *coarser.get(cx, cy);
+            let Cell { plane, cost } = coarser.get(cx, cy);
             let [du, dv] = [(x, cx), (y, cy)]
                 .map(|(fine, coarse)| (fine as f32 + 0.5) - 2.0 * (coarse as f32 + 0.5));
             let plane = plane.at_double_size().moved(du, dv);

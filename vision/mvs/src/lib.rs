@@ -10,8 +10,10 @@ mod clusters;
 mod delaunay;
 pub mod dense;
 mod depth;
+mod depth_pyramid;
 mod dice;
 mod filter;
+mod free_space;
 mod fusion;
 mod infer;
 mod passes;
@@ -29,6 +31,7 @@ mod working_image;
 
 pub use dense::{Dense, DenseError, DenseOptions, depth_map, reconstruct_dense, small_photo};
 pub use filter::filter_depth_maps;
+pub use free_space::SpaceCarver;
 pub use fusion::fuse_depth_maps;
 pub use shelf::{Item, MemoryShelf, NotKept, Shelf};
 pub use thinning::thin_cloud;

@@ -67,6 +67,7 @@ impl PatchSource {
     }
 
     /// Patches of the pixels `columns` of row `y`.
+    #[inline(always)]
     pub(crate) fn block(&self, columns: &[usize; LANES], y: usize) -> PatchBlock {
         let mut weights = [[0.0; LANES]; TAPS];
         let mut gray = [[0.0; LANES]; TAPS];

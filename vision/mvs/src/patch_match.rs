@@ -3,25 +3,21 @@
 use nalgebra::Vector3;
 use volery_geometry::{SimdLevel, rng::mix};
 
-use crate::checkerboard::{Block, Cell, Field, Neighbors};
+use crate::checkerboard::{Block, Cells, Field, JURY, Neighbors};
 use crate::dice::Dice;
 use crate::patch::{LANES, Lanes, PatchBlock, PatchSource};
-use crate::plane::{Plane, Rays};
-use crate::simd::correlation;
+use crate::plane::{Plane, Planes, Rays};
+use crate::simd::{Work, correlation, disagreement, run};
 use crate::source::Source;
 
 /// Cost of a plane that one other image speaks against as loudly as it can.
 pub(crate) const MAX_COST: f32 = 1.0;
 /// How many other images have to agree; of more, the best count (occlusions).
 const BEST_SOURCES: usize = 2;
-/// Sources that judge sixteen pixels, those that agree best with what the pixels believe.
-const JURY: usize = 4;
 /// Most sources of an image.
 pub(crate) const MAX_SOURCES: usize = 16;
 /// Cost of a pixel by which the depth map of another image disagrees.
 const GEOMETRIC_COST_PER_PX: f32 = 0.15;
-/// Disagreement that costs no more when it grows, pixels.
-const MAX_DISAGREEMENT_PX: f32 = 3.0;
 /// What a source without a depth map is taken to disagree by, pixels.
 const SILENT_DISAGREEMENT_PX: f32 = 1.0;
 /// Least and largest perturbation of a depth, in pixels of parallax as powers of two.
@@ -45,113 +41,113 @@ pub(crate) struct Judge<'a> {
     pub(crate) seed: u64,
 }
 
-/// Planes for sixteen pixels: inverse depth and its two slopes.
-type Planes = [Lanes; 3];
-
 impl Judge<'_> {
     /// Sets the costs of all planes.
     pub(crate) fn assess(&self, field: &mut Field) {
         for color in 0..2 {
             field.change(color, |block, _, cells| {
-                let patch = self.patches.block(&block.columns, block.y);
-                self.summon(&patch, cells);
+                run(self.simd, Assess { judge: self, block, cells });
             });
         }
     }
 
     /// One iteration: every pixel looks at planes of its neighbors and at perturbed ones of its own.
-    pub(crate) fn sweep(&self, field: &mut Field, iteration: u64) {
+    pub(crate) fn sweep(&self, field: &mut Field, sweep: Sweep) {
         for color in 0..2 {
             field.change(color, |block, neighbors, cells| {
-                self.improve(block, neighbors, cells, iteration);
+                run(self.simd, Improve { judge: self, block, neighbors, cells, sweep });
             });
         }
     }
 
-    fn improve(
-        &self,
-        block: &Block,
-        neighbors: &Neighbors,
-        cells: &mut [Cell; LANES],
-        iteration: u64,
-    ) {
+    #[inline(always)]
+    fn improve(&self, block: &Block, neighbors: &Neighbors, cells: &mut Cells, sweep: Sweep) {
         let patch = self.patches.block(&block.columns, block.y);
-        let jury = self.summon(&patch, cells);
+        if sweep.summons {
+            self.summon(&patch, cells);
+        }
         for direction in 0..4 {
-            let planes: [Plane; LANES] = std::array::from_fn(|lane| {
-                neighbors.best(block.columns[lane], block.y, direction).unwrap_or(cells[lane].plane)
-            });
-            self.compete(&patch, &jury, &planes, cells);
+            let planes = neighbors.best(block, direction, &cells.planes);
+            self.compete(&patch, &planes, cells);
         }
         for trial in 0..3 {
-            let planes: [Plane; LANES] = std::array::from_fn(|lane| {
+            let dice = std::array::from_fn(|lane| {
                 let pixel = (block.y as u64) << 32 | block.columns[lane] as u64;
-                let key = self.seed ^ mix(pixel ^ mix(iteration << 8 | trial));
-                self.perturbed(&cells[lane].plane, patch.u[lane], patch.v, trial, Dice(mix(key)))
+                Dice(mix(self.seed ^ mix(pixel ^ mix(sweep.number << 8 | trial))))
             });
-            self.compete(&patch, &jury, &planes, cells);
+            let planes = self.perturbed(&cells.planes, &patch, trial, dice);
+            self.compete(&patch, &planes, cells);
         }
     }
 
-    fn compete(
-        &self,
-        patch: &PatchBlock,
-        jury: &Jury,
-        planes: &[Plane; LANES],
-        cells: &mut [Cell; LANES],
-    ) {
-        let planes_by_lane = planes_of(planes);
+    #[inline(always)]
+    fn compete(&self, patch: &PatchBlock, planes: &Planes, cells: &mut Cells) {
         let mut bench = Bench::new();
-        for &index in jury.sources() {
-            bench.hear(self.source_costs(index, patch, &planes_by_lane));
+        for &index in &cells.jury[..self.sources.len().min(JURY)] {
+            bench.hear(self.source_costs(usize::from(index), patch, planes));
         }
-        let costs = self.possible(patch, &planes_by_lane, bench.verdict());
+        let costs = self.possible(patch, planes, bench.verdict());
         for lane in 0..LANES {
-            if costs[lane] < cells[lane].cost {
-                cells[lane] = Cell { plane: planes[lane], cost: costs[lane] };
+            let better = costs[lane] < cells.costs[lane];
+            for (kept, offered) in cells.planes.iter_mut().zip(planes) {
+                kept[lane] = if better { offered[lane] } else { kept[lane] };
             }
+            cells.costs[lane] = if better { costs[lane] } else { cells.costs[lane] };
         }
     }
 
     /// Another depth, another normal, or both.
-    fn perturbed(&self, plane: &Plane, u: f32, v: f32, trial: u64, mut dice: Dice) -> Plane {
-        let mut w = plane.w;
-        let mut normal = self.rays.normal(plane, u, v);
-        if trial != 1 {
-            let step = self.inverse_depth_per_px * dice.power(DEPTH_STEPS);
-            w = (w + step * dice.sign()).clamp(self.range[0], self.range[1]);
+    #[inline(always)]
+    fn perturbed(
+        &self,
+        planes: &Planes,
+        patch: &PatchBlock,
+        trial: u64,
+        mut dice: [Dice; LANES],
+    ) -> Planes {
+        let mut perturbed = *planes;
+        for lane in 0..LANES {
+            let dice = &mut dice[lane];
+            let mut plane = plane_of(planes, lane);
+            let mut normal = self.rays.normal(&plane, patch.u[lane], patch.v);
+            if trial != 1 {
+                let step = self.inverse_depth_per_px * dice.power(DEPTH_STEPS);
+                plane.w = (plane.w + step * dice.sign()).clamp(self.range[0], self.range[1]);
+            }
+            if trial != 0 {
+                let step = dice.power(NORMAL_STEPS);
+                normal += step * Vector3::new(dice.spread(), dice.spread(), dice.spread());
+            }
+            let Plane { w, slope_u, slope_v } =
+                self.rays.plane(patch.u[lane], patch.v, plane.w, &normal);
+            for (lanes, value) in perturbed.iter_mut().zip([w, slope_u, slope_v]) {
+                lanes[lane] = value;
+            }
         }
-        if trial != 0 {
-            let step = dice.power(NORMAL_STEPS);
-            normal += step * Vector3::new(dice.spread(), dice.spread(), dice.spread());
-        }
-        self.rays.plane(u, v, w, &normal)
+        perturbed
     }
 
-    /// The sources that agree best with the planes of the cells, whose costs they set.
-    fn summon(&self, patch: &PatchBlock, cells: &mut [Cell; LANES]) -> Jury {
-        let planes = planes_of(&cells.map(|cell| cell.plane));
+    /// Finds the sources that agree best with the planes of the cells and sets the costs by them.
+    #[inline(always)]
+    fn summon(&self, patch: &PatchBlock, cells: &mut Cells) {
         let mut costs = [[0.0; LANES]; MAX_SOURCES];
         let mut ranked = [(f32::INFINITY, 0); MAX_SOURCES];
         for index in 0..self.sources.len() {
-            costs[index] = self.source_costs(index, patch, &planes);
+            costs[index] = self.source_costs(index, patch, &cells.planes);
             ranked[index] = (costs[index].iter().sum(), index);
         }
         let ranked = &mut ranked[..self.sources.len()];
         ranked.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut jury = Jury { members: [0; JURY], len: ranked.len().min(JURY) };
         let mut bench = Bench::new();
-        for (member, &(_, index)) in jury.members.iter_mut().zip(ranked.iter()) {
-            *member = index;
+        for (member, &(_, index)) in cells.jury.iter_mut().zip(ranked.iter()) {
+            *member = index as u8;
             bench.hear(costs[index]);
         }
-        for (cell, cost) in cells.iter_mut().zip(self.possible(patch, &planes, bench.verdict())) {
-            cell.cost = cost;
-        }
-        jury
+        cells.costs = self.possible(patch, &cells.planes, bench.verdict());
     }
 
     /// What one source says against the planes.
+    #[inline(always)]
     fn source_costs(&self, index: usize, patch: &PatchBlock, planes: &Planes) -> Lanes {
         let source = &self.sources[index];
         let mut costs = correlation(self.simd, patch, planes, source);
@@ -159,37 +155,66 @@ impl Judge<'_> {
             *cost = (1.0 - *cost).min(MAX_COST);
         }
         let Some(maps) = self.geometry else { return costs };
-        for lane in 0..LANES {
-            let off = maps[index].map_or(SILENT_DISAGREEMENT_PX, |map| {
-                disagreement(source, map, [patch.u[lane], patch.v], planes[0][lane])
-            });
-            costs[lane] += GEOMETRIC_COST_PER_PX * off;
+        let off = match maps[index] {
+            Some(map) => disagreement(self.simd, source, map, &patch.u, patch.v, &planes[0]),
+            None => [SILENT_DISAGREEMENT_PX; LANES],
+        };
+        for (cost, off) in costs.iter_mut().zip(off) {
+            *cost += GEOMETRIC_COST_PER_PX * off;
         }
         costs
     }
 
     /// The costs, infinite for planes out of the depth range or seen too flat.
+    #[inline(always)]
     fn possible(&self, patch: &PatchBlock, planes: &Planes, costs: Lanes) -> Lanes {
-        std::array::from_fn(|lane| {
-            let w = planes[0][lane];
-            let plane = Plane { w, slope_u: planes[1][lane], slope_v: planes[2][lane] };
-            let possible = w >= self.range[0]
-                && w <= self.range[1]
-                && self.rays.is_visible(&plane, patch.u[lane], patch.v);
-            if possible { costs[lane] } else { f32::INFINITY }
-        })
+        let mut possible = costs;
+        for lane in 0..LANES {
+            let plane = plane_of(planes, lane);
+            let is_possible = (plane.w >= self.range[0])
+                & (plane.w <= self.range[1])
+                & self.rays.is_visible(&plane, patch.u[lane], patch.v);
+            possible[lane] = if is_possible { costs[lane] } else { f32::INFINITY };
+        }
+        possible
     }
 }
 
-/// The sources that judge sixteen pixels.
-struct Jury {
-    members: [usize; JURY],
-    len: usize,
+/// An iteration over all pixels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sweep {
+    /// Tells its perturbations from those of other iterations.
+    pub(crate) number: u64,
+    /// Whether the sources that judge are chosen anew.
+    pub(crate) summons: bool,
 }
 
-impl Jury {
-    fn sources(&self) -> &[usize] {
-        &self.members[..self.len]
+struct Assess<'a, 'b> {
+    judge: &'a Judge<'b>,
+    block: &'a Block,
+    cells: &'a mut Cells,
+}
+
+impl Work for Assess<'_, '_> {
+    #[inline(always)]
+    fn run(self) {
+        let patch = self.judge.patches.block(&self.block.columns, self.block.y);
+        self.judge.summon(&patch, self.cells);
+    }
+}
+
+struct Improve<'a, 'b> {
+    judge: &'a Judge<'b>,
+    block: &'a Block,
+    neighbors: &'a Neighbors<'a>,
+    cells: &'a mut Cells,
+    sweep: Sweep,
+}
+
+impl Work for Improve<'_, '_> {
+    #[inline(always)]
+    fn run(self) {
+        self.judge.improve(self.block, self.neighbors, self.cells, self.sweep);
     }
 }
 
@@ -204,6 +229,7 @@ impl Bench {
         Self { least: [[f32::INFINITY; LANES]; BEST_SOURCES], num_heard: 0 }
     }
 
+    #[inline(always)]
     fn hear(&mut self, mut costs: Lanes) {
         self.num_heard += 1;
         for kept in &mut self.least {
@@ -214,6 +240,7 @@ impl Bench {
     }
 
     /// Mean of the least costs.
+    #[inline(always)]
     fn verdict(&self) -> Lanes {
         let num = self.num_heard.min(BEST_SOURCES);
         let mut mean = [0.0; LANES];
@@ -226,28 +253,7 @@ impl Bench {
     }
 }
 
-/// Pixels between a pixel and where it comes back to by the depth that `map` has where the pixel
-/// lands in the source, at most [`MAX_DISAGREEMENT_PX`].
-///
-/// Source: Xu and Tao, CVPR 2019, eq. (8).
-pub(crate) fn disagreement(source: &Source, map: &[f32], [u, v]: [f32; 2], w: f32) -> f32 {
-    let [x, y, z] = source.from_reference.apply(u, v, w);
-    let (x, y) = (x / z, y / z);
-    let (width, height) = (source.image.width, source.image.height);
-    let inside = z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
-    if !inside {
-        return MAX_DISAGREEMENT_PX;
-    }
-    let there = map[y as usize * width + x as usize];
-    if there <= 0.0 {
-        return MAX_DISAGREEMENT_PX;
-    }
-    let [back_x, back_y, back_z] = source.to_reference.apply(x, y, there);
-    let (du, dv) = (back_x / back_z - u, back_y / back_z - v);
-    let off = (du * du + dv * dv).sqrt();
-    if back_z > 0.0 && off < MAX_DISAGREEMENT_PX { off } else { MAX_DISAGREEMENT_PX }
-}
-
-fn planes_of(planes: &[Plane; LANES]) -> Planes {
-    [planes.map(|p| p.w), planes.map(|p| p.slope_u), planes.map(|p| p.slope_v)]
+#[inline(always)]
+fn plane_of(planes: &Planes, lane: usize) -> Plane {
+    Plane { w: planes[0][lane], slope_u: planes[1][lane], slope_v: planes[2][lane] }
 }

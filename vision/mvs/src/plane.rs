@@ -3,6 +3,8 @@
 use nalgebra::Vector3;
 use volery_geometry::Camera;
 
+use crate::patch::Lanes;
+
 /// Least cosine between a surface's normal and the ray back to the camera: no surface is seen
 /// under a flatter angle than 80 degrees.
 const MIN_COS: f32 = 0.17;
@@ -34,6 +36,9 @@ impl Plane {
     }
 }
 
+/// Planes of sixteen pixels: inverse depths and both slopes.
+pub(crate) type Planes = [Lanes; 3];
+
 /// Rays of a pinhole camera in single precision.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rays {
@@ -50,6 +55,7 @@ impl Rays {
         Self { focal, inverse_focal, center: [c.x as f32, c.y as f32] }
     }
 
+    #[inline(always)]
     fn ray(&self, u: f32, v: f32) -> Vector3<f32> {
         let x = (u - self.center[0]) * self.inverse_focal[0];
         let y = (v - self.center[1]) * self.inverse_focal[1];
@@ -57,6 +63,7 @@ impl Rays {
     }
 
     /// Unit normal in the camera frame, towards the camera.
+    #[inline(always)]
     pub(crate) fn normal(&self, plane: &Plane, u: f32, v: f32) -> Vector3<f32> {
         let (su, sv) = (plane.slope_u, plane.slope_v);
         let z = plane.w - su * (u - self.center[0]) - sv * (v - self.center[1]);
@@ -65,6 +72,7 @@ impl Rays {
 
     /// The plane with inverse depth `w` at `(u, v)` and a normal of any length and sign; a normal
     /// that is seen under too flat an angle is turned towards the camera.
+    #[inline(always)]
     pub(crate) fn plane(&self, u: f32, v: f32, w: f32, normal: &Vector3<f32>) -> Plane {
         let ray = self.ray(u, v);
         let to_camera = -ray.normalize();
@@ -74,13 +82,14 @@ impl Rays {
             (n, cos) = (-n, -cos);
         }
         if cos < MIN_COS {
-            n = (n + to_camera * (2.0 * MIN_COS)).normalize();
+            n += to_camera * (2.0 * MIN_COS);
         }
         let scale = w / n.dot(&ray);
         Plane { w, slope_u: n.x * scale / self.focal[0], slope_v: n.y * scale / self.focal[1] }
     }
 
     /// Whether the surface is seen under an angle that a surface can be seen under.
+    #[inline(always)]
     pub(crate) fn is_visible(&self, plane: &Plane, u: f32, v: f32) -> bool {
         // cos = w / (|n| |ray|) with the normal n of d = 1.
         let (du, dv) = (u - self.center[0], v - self.center[1]);

@@ -9,11 +9,13 @@ mod x86;
 use volery_geometry::SimdLevel;
 
 use crate::patch::{EDGE, LANES, Lanes, PatchBlock, STEP};
-use crate::source::Source;
+use crate::source::{Source, Transfer};
 
 /// What the noise of the pixels adds to the variance of a patch, gray levels squared: patches
 /// without texture correlate with nothing.
 const NOISE_VARIANCE: f32 = 2.0;
+/// Disagreement that costs no more when it grows, pixels.
+const MAX_DISAGREEMENT_PX: f32 = 3.0;
 /// Correlation of what the other image does not show.
 pub(crate) const UNSEEN: f32 = -1.0;
 
@@ -42,6 +44,49 @@ pub(crate) fn correlation(
     }
 }
 
+/// Something that is compiled once for every instruction set.
+pub(crate) trait Work {
+    /// To be inlined.
+    fn run(self);
+}
+
+/// Runs `work` as compiled for `level`.
+pub(crate) fn run(level: SimdLevel, work: impl Work) {
+    match level {
+        // SAFETY: `SimdLevel::available` lists a level only if the processor has it.
+        #[cfg(target_arch = "x86_64")]
+        SimdLevel::Avx512 => unsafe { x86::run_avx512(work) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        SimdLevel::Avx2 => unsafe { x86::run_avx2(work) },
+        _ => work.run(),
+    }
+}
+
+/// Pixels between pixels and where they come back to by the inverse depths that `map` has where
+/// they land in the source, at most [`MAX_DISAGREEMENT_PX`].
+///
+/// Source: Xu and Tao, "Multi-Scale Geometric Consistency Guided Multi-View Stereo", CVPR 2019,
+/// eq. (8).
+pub(crate) fn disagreement(
+    level: SimdLevel,
+    source: &Source,
+    map: &[f32],
+    u: &Lanes,
+    v: f32,
+    w: &Lanes,
+) -> Lanes {
+    match level {
+        // SAFETY: `SimdLevel::available` lists a level only if the processor has it.
+        #[cfg(target_arch = "x86_64")]
+        SimdLevel::Avx512 => unsafe { x86::disagreement_avx512(source, map, u, v, w) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        SimdLevel::Avx2 => unsafe { x86::disagreement_avx2(source, map, u, v, w) },
+        _ => round_trip::<plain::Plain>(source, map, u, v, w),
+    }
+}
+
 /// Some lanes of a block. `max` and `min` give the second operand where one is not a number, as
 /// the machine does.
 trait Vector: Copy {
@@ -63,6 +108,50 @@ trait Vector: Copy {
     fn if_less(self, other: Self, yes: Self, no: Self) -> Self;
     /// The four bytes of the entries at `index`, which hold whole numbers below the length.
     fn gather_bytes(index: Self, entries: &[u32]) -> [Self; 4];
+    /// The entries at `index`, which holds whole numbers below the length.
+    fn gather(index: Self, entries: &[f32]) -> Self;
+}
+
+#[inline(always)]
+fn round_trip<V: Vector>(source: &Source, map: &[f32], u: &Lanes, v: f32, w: &Lanes) -> Lanes {
+    let (width, height) = (source.image.width, source.image.height);
+    assert!(map.len() == width * height && map.len() < 1 << 24);
+    let (zero, most) = (V::splat(0.0), V::splat(MAX_DISAGREEMENT_PX));
+    let (last_x, last_y) = (V::splat((width - 1) as f32), V::splat((height - 1) as f32));
+    let (stride, height) = (V::splat(width as f32), V::splat(height as f32));
+    let mut result = [0.0; LANES];
+    for first in (0..LANES).step_by(V::WIDTH) {
+        let (u, v, w) = (V::load(&u[first..]), V::splat(v), V::load(&w[first..]));
+        let [x, y, z] = transferred(&source.from_reference, u, v, w);
+        let (x, y) = (x.div(z), y.div(z));
+        let (column, row) = (x.trunc().max(zero).min(last_x), y.trunc().max(zero).min(last_y));
+        let there = V::gather(row.mul(stride).add(column), map);
+        let [back_x, back_y, back_z] = transferred(&source.to_reference, x, y, there);
+        let (du, dv) = (back_x.div(back_z).sub(u), back_y.div(back_z).sub(v));
+        let off = du.mul(du).add(dv.mul(dv)).sqrt().min(most);
+        // In front of both cameras, in the image and known there.
+        let off = zero.if_less(back_z, off, most);
+        let off = zero.if_less(there, off, most);
+        let off = zero.if_less(z, off, most);
+        let off = x.if_less(zero, most, off);
+        let off = y.if_less(zero, most, off);
+        let off = x.if_less(stride, off, most);
+        y.if_less(height, off, most).store(&mut result[first..]);
+    }
+    result
+}
+
+/// [`Transfer::apply`] to some lanes.
+#[inline(always)]
+fn transferred<V: Vector>(transfer: &Transfer, u: V, v: V, w: V) -> [V; 3] {
+    let [a0, a1, a2] = &transfer.a;
+    let mut result = [w; 3];
+    // A closure would not be compiled for the instruction set.
+    for k in 0..3 {
+        let linear = V::splat(a0[k]).mul(u).add(V::splat(a1[k]).mul(v)).add(V::splat(a2[k]));
+        result[k] = linear.add(V::splat(transfer.b[k]).mul(w));
+    }
+    result
 }
 
 #[inline(always)]
@@ -161,7 +250,7 @@ mod tests {
 
     use super::*;
     use crate::patch::PatchSource;
-    use crate::source::{QuadImage, Transfer};
+    use crate::source::QuadImage;
 
     const WIDTH: u32 = 80;
     const HEIGHT: u32 = 60;
@@ -235,6 +324,44 @@ mod tests {
             let plain = correlation(SimdLevel::Portable, &block, &planes, &source);
             for &level in SimdLevel::available() {
                 let wide = correlation(level, &block, &planes, &source);
+                assert_eq!(plain.map(f32::to_bits), wide.map(f32::to_bits), "{level:?}");
+            }
+        }
+    }
+
+    /// A map of the plane z = 2 agrees with the plane by the part of a pixel that it is off.
+    #[test]
+    fn maps_of_the_same_plane_agree() {
+        let (_, source) = scene();
+        let u = std::array::from_fn(|lane| 30.5 + 2.0 * lane as f32);
+        let map = vec![0.5; (WIDTH * HEIGHT) as usize];
+        let off = |map: &[f32], w: f32| {
+            disagreement(SimdLevel::Portable, &source, map, &u, 30.5, &[w; LANES])
+        };
+        assert!(off(&map, 0.5).iter().all(|&off| off < 1e-3));
+        // 70 px of focal length, 0.3 m of baseline: 21 px per unit of inverse depth.
+        assert!(off(&map, 0.55).iter().all(|&off| (off - 1.05).abs() < 1e-2));
+        assert_eq!(off(&map, 0.9), [MAX_DISAGREEMENT_PX; LANES]);
+        let unknown = vec![0.0; map.len()];
+        assert_eq!(off(&unknown, 0.5), [MAX_DISAGREEMENT_PX; LANES]);
+        // 21 times 1.5 px leave the image on the left.
+        assert_eq!(off(&map, 1.5)[0], MAX_DISAGREEMENT_PX);
+    }
+
+    #[test]
+    fn all_instruction_sets_disagree_by_the_same_bits() {
+        let (_, source) = scene();
+        let mut rng = Rng::new(6);
+        let map: Vec<f32> = (0..WIDTH * HEIGHT).map(|_| rng.range(-0.1, 1.0) as f32).collect();
+        for trial in 0..200 {
+            let u = std::array::from_fn(|lane| (trial % 48 + 2 * lane) as f32 + 0.5);
+            let v = (trial % HEIGHT as usize) as f32 + 0.5;
+            let mut w: Lanes = std::array::from_fn(|_| rng.range(-0.3, 3.0) as f32);
+            w[0] = f32::INFINITY;
+            let plain = disagreement(SimdLevel::Portable, &source, &map, &u, v, &w);
+            assert!(plain.iter().all(|off| (0.0..=MAX_DISAGREEMENT_PX).contains(off)));
+            for &level in SimdLevel::available() {
+                let wide = disagreement(level, &source, &map, &u, v, &w);
                 assert_eq!(plain.map(f32::to_bits), wide.map(f32::to_bits), "{level:?}");
             }
         }

@@ -67,4 +67,8 @@ impl Vector for Plain {
         let quads = index.0.map(|i| entries[i as usize].to_le_bytes());
         std::array::from_fn(|byte| Self(quads.map(|quad| f32::from(quad[byte]))))
     }
+    #[inline(always)]
+    fn gather(index: Self, entries: &[f32]) -> Self {
+        Self(index.0.map(|i| entries[i as usize]))
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{LANES, Lanes, PatchBlock, Source, Vector, kernel};
+use super::{LANES, Lanes, PatchBlock, Source, Vector, Work, kernel, round_trip};
 
 #[target_feature(enable = "avx512f")]
 pub(super) fn correlation_avx512(
@@ -22,11 +22,43 @@ pub(super) fn correlation_avx2(block: &PatchBlock, planes: &[Lanes; 3], source: 
     result
 }
 
-/// Only made and used inside of `correlation_avx512`.
+#[target_feature(enable = "avx512f")]
+pub(super) fn disagreement_avx512(
+    source: &Source,
+    map: &[f32],
+    u: &Lanes,
+    v: f32,
+    w: &Lanes,
+) -> Lanes {
+    round_trip::<Wide512>(source, map, u, v, w)
+}
+
+#[target_feature(enable = "avx2")]
+pub(super) fn disagreement_avx2(
+    source: &Source,
+    map: &[f32],
+    u: &Lanes,
+    v: f32,
+    w: &Lanes,
+) -> Lanes {
+    round_trip::<Wide256>(source, map, u, v, w)
+}
+
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+pub(super) fn run_avx512(work: impl Work) {
+    work.run();
+}
+
+#[target_feature(enable = "avx2")]
+pub(super) fn run_avx2(work: impl Work) {
+    work.run();
+}
+
+/// Only made and used inside of functions for AVX-512.
 #[derive(Clone, Copy)]
 struct Wide512(__m512);
 
-/// Only made and used inside of `correlation_avx2`.
+/// Only made and used inside of functions for AVX2.
 #[derive(Clone, Copy)]
 struct Wide256(__m256);
 
@@ -125,6 +157,11 @@ impl Vector for Wide512 {
             ]
         }
     }
+    #[inline(always)]
+    fn gather(index: Self, entries: &[f32]) -> Self {
+        // SAFETY: as above.
+        Self(unsafe { _mm512_i32gather_ps::<4>(_mm512_cvttps_epi32(index.0), entries.as_ptr()) })
+    }
 }
 
 impl Vector for Wide256 {
@@ -167,5 +204,10 @@ impl Vector for Wide256 {
                 Self(_mm256_cvtepi32_ps(_mm256_srli_epi32::<24>(quads))),
             ]
         }
+    }
+    #[inline(always)]
+    fn gather(index: Self, entries: &[f32]) -> Self {
+        // SAFETY: as above.
+        Self(unsafe { _mm256_i32gather_ps::<4>(entries.as_ptr(), _mm256_cvttps_epi32(index.0)) })
     }
 }
