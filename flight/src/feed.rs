@@ -25,6 +25,9 @@ const SIGMAS: f64 = 5.0;
 const MIN_SD: (f64, f64) = (0.01, 0.01);
 /// How wrong the vehicle's own motion may be: meters per second and radians per second.
 const DRIFT: (f64, f64) = (0.3, 0.3);
+/// Most drift that is forgiven, meters and radians: a vehicle that has been without poses for long
+/// lands, and must not follow a wrong place then.
+const MAX_DRIFT: f64 = 0.3;
 /// What delay does to a difference of yaws at a usual rate of turn.
 const YAW_SLACK: f64 = 0.2;
 /// Speed of a vehicle that says nothing, meters per second.
@@ -45,8 +48,8 @@ const READY_AFTER: Duration = Duration::from_secs(2);
 /// How far an estimator may be from the poses before it is flown, and in flight, meters.
 const AGREEMENT: f64 = 0.3;
 const MAX_LAG: f64 = 1.0;
-/// Furthest new place that is believed in flight, meters.
-const MAX_RELOCATION_FLYING: f64 = 0.5;
+/// Furthest new place that is believed in flight, meters; no new place is once the vehicle lands.
+const MAX_RELOCATION: f64 = 0.5;
 
 /// Pose of a vehicle with what belongs to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -254,8 +257,9 @@ impl PoseGate {
             Some((last, number)) if anchor.check_motion(last).is_ok() => number + 1,
             _ => 1,
         };
-        let believable = !telemetry.is_flying()
-            || matches!(refusal, PoseRefusal::Jump(distance) if distance < MAX_RELOCATION_FLYING);
+        let gap = fix.captured.saturating_sub(before.fix.captured);
+        let near = matches!(refusal, PoseRefusal::Jump(distance) if distance < MAX_RELOCATION);
+        let believable = !telemetry.is_flying() || near && gap < FAILED_AFTER;
         if agreeing < AGREEING || !believable {
             self.elsewhere = Some((anchor, agreeing));
             return Err(refusal);
@@ -292,16 +296,6 @@ impl Anchor {
     /// Whether the way from `before` to here is the way that the vehicle says it went.
     fn check_motion(&self, before: &Self) -> Result<(), PoseRefusal> {
         let gap = self.fix.captured.saturating_sub(before.fix.captured).as_secs_f64();
-        let way = self.position() - before.position();
-        let (told, drift) = match (before.estimate, self.estimate) {
-            (Some(before), Some(now)) => (now - before, DRIFT.0),
-            _ => (Vector3::zeros(), MAX_SPEED),
-        };
-        let sd = self.fix.position_sd.max(MIN_SD.0).hypot(before.fix.position_sd.max(MIN_SD.0));
-        let distance = (way - told).norm();
-        if distance > SIGMAS * sd + drift * gap {
-            return Err(PoseRefusal::Jump(distance));
-        }
         let turn =
             map_yaw(&self.fix.map_from_body.rotation) - map_yaw(&before.fix.map_from_body.rotation);
         let (told, drift) = match (before.yaw, self.yaw) {
@@ -310,8 +304,18 @@ impl Anchor {
         };
         let sd = self.fix.angle_sd.max(MIN_SD.1).hypot(before.fix.angle_sd.max(MIN_SD.1));
         let angle = wrap(turn - told).abs();
-        if angle > SIGMAS * sd + YAW_SLACK + drift * gap {
+        if angle > SIGMAS * sd + YAW_SLACK + (drift * gap).min(MAX_DRIFT) {
             return Err(PoseRefusal::Turn(angle));
+        }
+        let way = self.position() - before.position();
+        let (told, drift) = match (before.estimate, self.estimate) {
+            (Some(before), Some(now)) => (now - before, DRIFT.0),
+            _ => (Vector3::zeros(), MAX_SPEED),
+        };
+        let sd = self.fix.position_sd.max(MIN_SD.0).hypot(before.fix.position_sd.max(MIN_SD.0));
+        let distance = (way - told).norm();
+        if distance > SIGMAS * sd + (drift * gap).min(MAX_DRIFT) {
+            return Err(PoseRefusal::Jump(distance));
         }
         Ok(())
     }

@@ -19,8 +19,8 @@ use crate::{
 
 /// We, towards vehicles: their failsafe counts the ground station of this number.
 const GROUND_STATION: Sender = Sender { system_id: 255, component_id: 190 };
-/// Our link towards vehicles, in signatures.
-const LINK_ID: u8 = 0;
+/// Largest datagram that passes every network whole.
+const MAX_DATAGRAM: usize = 1200;
 /// Between polls while there is anyone to talk to.
 const PERIOD: Duration = Duration::from_millis(10);
 /// Between polls while there is nobody.
@@ -396,12 +396,36 @@ impl Fleet {
         let Some(to) = self.vehicles.get(&id).map(|vehicle| vehicle.address) else { return };
         let registration = self.registrations.entry(id).or_default();
         let key = registration.key.as_ref().or(self.options.default_key.as_ref());
+        let mut datagram: Option<(u8, Vec<u8>)> = None;
         for message in messages {
             registration.signing_time = signing_now.max(registration.signing_time + 1);
-            let signed = key.map(|key| (key, LINK_ID, registration.signing_time));
+            let link_id = signing_link(&message);
+            let signed = key.map(|key| (key, link_id, registration.signing_time));
             let bytes = write_frame(GROUND_STATION, registration.sequence, &message, signed);
             registration.sequence = registration.sequence.wrapping_add(1);
-            self.outbox.push(Datagram { to, bytes });
+            match &mut datagram {
+                Some((link, datagram))
+                    if *link == link_id && datagram.len() + bytes.len() <= MAX_DATAGRAM =>
+                {
+                    datagram.extend(bytes);
+                }
+                full => {
+                    let full = full.replace((link_id, bytes));
+                    self.outbox.extend(full.map(|(_, bytes)| Datagram { to, bytes }));
+                }
+            }
         }
+        self.outbox.extend(datagram.map(|(_, bytes)| Datagram { to, bytes }));
+    }
+}
+
+/// Signing times must rise within a link id, and a network may change the order of datagrams. So
+/// what is only good when it is new goes by itself, apart from heartbeats and commands; and what
+/// is sent together goes in one datagram.
+fn signing_link(message: &MavMessage) -> u8 {
+    match message {
+        MavMessage::VISION_POSITION_ESTIMATE(_) | MavMessage::ODOMETRY(_) => 1,
+        MavMessage::SET_POSITION_TARGET_LOCAL_NED(_) => 2,
+        _ => 0,
     }
 }

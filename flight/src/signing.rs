@@ -3,8 +3,14 @@
 //! Source: the MAVLink developer guide, "Message Signing". A signature is 13 bytes: link id,
 //! 48-bit time, and the first 48 bits of SHA-256 over key, frame, link id and time. Times of one
 //! stream (system, component, link) rise, so that nothing can be played twice.
+//!
+//! A network may change the order of datagrams. A reader that only takes rising times then loses
+//! what was overtaken, so this one remembers the times of the last second and takes each once.
 
-use std::{collections::HashMap, time::Duration};
+use std::{
+    collections::{BTreeSet, HashMap},
+    time::Duration,
+};
 
 use sha2::{Digest, Sha256};
 
@@ -16,6 +22,10 @@ pub const SIGNATURE_BYTES: usize = 13;
 const TICKS_PER_S: u64 = 100_000;
 /// How far a stream that was not heard before may be behind.
 const MAX_BEHIND: u64 = 60 * TICKS_PER_S;
+/// How late a frame may come after one that was signed later.
+const MAX_LATE: u64 = TICKS_PER_S;
+/// Times remembered per stream.
+const MAX_TAKEN: usize = 512;
 /// Seconds from the Unix epoch to the epoch of signing times, the start of 2015.
 const EPOCH_UNIX_S: u64 = 1_420_070_400;
 
@@ -85,22 +95,46 @@ pub enum SignatureError {
     /// Signed with another key, or changed on the way.
     #[error("wrong signature")]
     Wrong,
-    /// Its stream has brought this time or a later one before.
-    #[error("signing time does not rise")]
+    /// Its stream has brought this time before, or much later ones.
+    #[error("signing time was used before")]
     Replayed,
     /// A stream not heard before that is more than a minute behind.
     #[error("signing time is too old")]
     Old,
 }
 
-/// Latest times of the streams of one key.
+/// The times of one stream that were taken lately.
+#[derive(Debug, Clone)]
+struct Taken {
+    /// Nothing up to here is taken any more.
+    floor: u64,
+    times: BTreeSet<u64>,
+}
+
+impl Taken {
+    fn take(&mut self, time: u64) -> Result<(), SignatureError> {
+        if time <= self.floor || !self.times.insert(time) {
+            return Err(SignatureError::Replayed);
+        }
+        while let (Some(&oldest), Some(&latest)) = (self.times.first(), self.times.last()) {
+            if latest - oldest <= MAX_LATE && self.times.len() <= MAX_TAKEN {
+                break;
+            }
+            self.floor = oldest;
+            self.times.pop_first();
+        }
+        Ok(())
+    }
+}
+
+/// Times of the streams of one key.
 #[derive(Debug, Clone, Default)]
 pub struct Verifier {
-    latest: HashMap<(Sender, u8), u64>,
+    streams: HashMap<(Sender, u8), Taken>,
 }
 
 impl Verifier {
-    /// Whether `frame` was signed with `key` and is new.
+    /// Whether `frame` was signed with `key` and was never taken before.
     ///
     /// * `now`: the reader's signing time.
     ///
@@ -114,12 +148,14 @@ impl Verifier {
         if expected.hash.iter().zip(&hash).fold(0, |all, (a, b)| all | (a ^ b)) != 0 {
             return Err(SignatureError::Wrong);
         }
-        match self.latest.get(&(frame.sender, link_id)) {
-            Some(&latest) if time <= latest => return Err(SignatureError::Replayed),
-            None if time + MAX_BEHIND < now => return Err(SignatureError::Old),
-            _ => {}
+        match self.streams.get_mut(&(frame.sender, link_id)) {
+            Some(taken) => taken.take(time),
+            None if time + MAX_BEHIND < now => Err(SignatureError::Old),
+            None => {
+                let taken = Taken { floor: time, times: BTreeSet::new() };
+                self.streams.insert((frame.sender, link_id), taken);
+                Ok(())
+            }
         }
-        self.latest.insert((frame.sender, link_id), time);
-        Ok(())
     }
 }

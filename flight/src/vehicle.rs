@@ -137,9 +137,12 @@ impl Vehicle {
             happenings.push(Happening::Rebooted);
             happenings.extend(self.pilot.reset());
         }
-        if let Some(uptime) = uptime(message) {
-            self.telemetry.uptime = Some(uptime);
+        let uptime = uptime(message);
+        if uptime.is_some() && uptime < self.telemetry.uptime {
+            // Overtaken on the way: what is known is newer.
+            return (answer, happenings);
         }
+        self.telemetry.uptime = uptime.or(self.telemetry.uptime);
         let before = (self.telemetry.armed, self.telemetry.custom_mode, self.telemetry.landed);
         self.telemetry.take(message, now);
         let Telemetry { armed, custom_mode, landed, .. } = self.telemetry;
