@@ -3,9 +3,9 @@
 use volery_geometry::Camera;
 use volery_scene::{Cancelled, DepthMap, ImageId, Photos, PointCloud, Progress, SparseModel};
 
-use crate::passes::Passes;
+use crate::passes::{Census, Passes};
 use crate::shelf::{NotKept, Shelf};
-use crate::thinning::thin_cloud;
+use crate::thinning::ThinCloud;
 
 /// How dense reconstruction works.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,13 +90,18 @@ pub fn reconstruct_dense(
     passes.geometric()?;
     passes.filter()?;
     passes.remove_seen_through()?;
-    let fused = passes.fuse()?;
-    let mut footprints = fused.footprints;
-    footprints.sort_by(f32::total_cmp);
-    let cell = options.cell_px * footprints.get(footprints.len() / 2).copied().unwrap_or(0.0);
-    progress.check()?;
-    let cloud = if cell > 0.0 { thin_cloud(&fused.cloud, cell) } else { fused.cloud };
-    Ok(Dense { cloud, images: passes.images(), num_pixels: fused.num_pixels, cell })
+    let Census { num_pixels, footprint } = passes.census()?;
+    let cell = options.cell_px * footprint;
+    let cloud = if cell > 0.0 {
+        let mut thin = ThinCloud::new(cell);
+        passes.fuse(|points| thin.add(&points))?;
+        thin.finish()
+    } else {
+        let mut cloud = PointCloud::default();
+        passes.fuse(|points| cloud.points.extend(points))?;
+        cloud
+    };
+    Ok(Dense { cloud, images: passes.images(), num_pixels, cell })
 }
 
 /// The depth map of an image of [`Dense::images`]; `options` as they were.

@@ -6,9 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 use volery_geometry::{Camera, SimdLevel};
-use volery_scene::{
-    DepthMap, ImageId, OrientedPoint, Photos, PointCloud, Progress, SparseModel, Stage,
-};
+use volery_scene::{DepthMap, ImageId, OrientedPoint, Photos, Progress, SparseModel, Stage};
 
 use crate::clusters::clusters;
 use crate::dense::{DenseError, DenseOptions};
@@ -37,14 +35,13 @@ pub(crate) struct Passes<'a> {
     clusters: Vec<Vec<ImageId>>,
 }
 
-/// All points before any are merged.
-#[derive(Default)]
-pub(crate) struct Fused {
-    pub(crate) cloud: PointCloud,
+/// What the depth maps are in sum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Census {
     /// Pixels of the depth maps, and those with a depth.
     pub(crate) num_pixels: [usize; 2],
-    /// Per depth map, the width of its middle pixel on the surface that it sees.
-    pub(crate) footprints: Vec<f32>,
+    /// Width of a middle pixel on the surface that it sees, in the middle depth map.
+    pub(crate) footprint: f32,
 }
 
 impl<'a> Passes<'a> {
@@ -190,11 +187,28 @@ impl<'a> Passes<'a> {
         Ok(())
     }
 
-    /// Last pass: every surface once, by the image that sees it largest.
-    pub(crate) fn fuse(&self) -> Result<Fused, DenseError> {
+    /// Counts the finished maps, one cluster after the other.
+    pub(crate) fn census(&self) -> Result<Census, DenseError> {
+        let mut num_pixels = [0; 2];
+        let mut footprints = Vec::new();
+        for members in &self.clusters {
+            self.progress.check()?;
+            for map in self.maps(&members.iter().copied().collect(), Item::Finished)?.values() {
+                num_pixels[0] += map.depth.len();
+                num_pixels[1] += map.num_known();
+                footprints.extend(footprint(map));
+            }
+        }
+        footprints.sort_by(f32::total_cmp);
+        let footprint = footprints.get(footprints.len() / 2).copied().unwrap_or(0.0);
+        Ok(Census { num_pixels, footprint })
+    }
+
+    /// Last pass: every surface once, by the image that sees it largest. `take` gets the points of
+    /// one cluster after the other.
+    pub(crate) fn fuse(&self, mut take: impl FnMut(Vec<OrientedPoint>)) -> Result<(), DenseError> {
         let total = 3 * self.neighborhoods.len();
         let done = Mutex::new(2 * self.neighborhoods.len());
-        let mut fused_all = Fused::default();
         for members in &self.clusters {
             let maps = self.maps(&self.with_relatives(members), Item::Finished)?;
             let points: Vec<Vec<OrientedPoint>> = members
@@ -207,14 +221,9 @@ impl<'a> Passes<'a> {
                     Ok(points)
                 })
                 .collect::<Result<_, DenseError>>()?;
-            fused_all.cloud.points.extend(points.into_iter().flatten());
-            for map in members.iter().map(|id| &maps[id]) {
-                fused_all.num_pixels[0] += map.depth.len();
-                fused_all.num_pixels[1] += map.num_known();
-                fused_all.footprints.extend(footprint(map));
-            }
+            points.into_iter().for_each(&mut take);
         }
-        Ok(fused_all)
+        Ok(())
     }
 
     /// An image more of the fusion is done.

@@ -118,6 +118,19 @@ fn the_cloud_does_not_depend_on_threads_or_clusters() {
     assert!(maps == clustered_maps && sorted(cloud) == sorted(clustered), "clusters");
 }
 
+/// The same of cells, which clusters share at their borders.
+#[test]
+fn a_thinned_cloud_does_not_depend_on_threads_or_clusters() {
+    let scan = scan(pinhole(96), 5);
+    let run = |num_threads: usize, cluster_size: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(num_threads).build().unwrap();
+        let options = DenseOptions { cluster_size, cell_px: 2.0, ..DenseOptions::default() };
+        pool.install(|| reconstruct_with(&scan, &options)).1
+    };
+    let cloud = run(1, 5);
+    assert!(cloud.points.len() > 1000 && cloud == run(2, 2));
+}
+
 /// Stops after so many reports.
 struct StopAfter(usize, AtomicUsize);
 
