@@ -51,6 +51,16 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "volery-tracking",
+        &[
+            "volery-geometry",
+            "volery-scene",
+            "volery-features",
+            "volery-localization",
+            "nalgebra",
+        ],
+    ),
+    (
         "volery-formats",
         &[
             "volery-geometry",
@@ -82,6 +92,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-rendering",
             "volery-registration",
             "volery-localization",
+            "volery-tracking",
             "volery-formats",
             "volery-api",
             "nalgebra",

@@ -14,7 +14,10 @@ const GRID: usize = 6;
 const MIN_CELLS: usize = 6;
 /// Fewest inliers per map point that should be in view. Wrong poses in the rendered warehouse, with
 /// its equal racks and cartons, confirm 0.016 with up to 66 inliers, right ones 0.08 and more.
-const MIN_CONFIRMED: f64 = 0.06;
+pub(crate) const MIN_CONFIRMED: f64 = 0.06;
+/// The same where the pose was known before, so that less speaks for a wrong one: small images, which
+/// do not show the fine points of a map, confirm 0.03 and more.
+pub(crate) const MIN_CONFIRMED_NEAR: f64 = 0.02;
 /// Greatest standard deviation of the position relative to the median depth of the support.
 const MAX_RELATIVE_SIGMA: f64 = 0.03;
 /// Greatest standard deviation of the rotation, degrees. Right poses have 0.2 at most.
@@ -26,6 +29,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) inliers: &'a [Point2<f64>],
     /// Map points that should be in view.
     pub(crate) num_visible: usize,
+    /// Fewest inliers per such point.
+    pub(crate) min_confirmed: f64,
     /// Median depth of the inliers.
     pub(crate) median_depth: f64,
     /// As in [`crate::PoseEstimate`].
@@ -36,7 +41,7 @@ pub(crate) struct Evidence<'a> {
 pub(crate) fn judge(evidence: &Evidence, camera: &Camera) -> Result<(), NotFoundReason> {
     let num_inliers = evidence.inliers.len();
     let confirmed = num_inliers as f64 / evidence.num_visible.max(1) as f64;
-    if num_inliers < MIN_INLIERS || confirmed < MIN_CONFIRMED {
+    if num_inliers < MIN_INLIERS || confirmed < evidence.min_confirmed {
         return Err(NotFoundReason::TooFewInliers);
     }
     if num_cells(evidence.inliers, camera) < MIN_CELLS {
@@ -111,8 +116,13 @@ mod tests {
 
     fn verdict(inliers: &[Point2<f64>], visible: usize, sigma: f64) -> Result<(), NotFoundReason> {
         let covariance = Matrix6::identity() * (sigma * sigma);
-        let evidence =
-            Evidence { inliers, num_visible: visible, median_depth: 4.0, covariance: &covariance };
+        let evidence = Evidence {
+            inliers,
+            num_visible: visible,
+            min_confirmed: MIN_CONFIRMED,
+            median_depth: 4.0,
+            covariance: &covariance,
+        };
         judge(&evidence, &camera())
     }
 

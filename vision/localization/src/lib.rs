@@ -11,6 +11,7 @@ mod guided;
 mod jacobians;
 mod map_noise;
 mod map_share;
+mod near;
 mod refine;
 mod solve;
 
@@ -20,6 +21,7 @@ pub use localize::{
     LocalizationAnswer, LocalizationPrior, LocalizeOptions, NotFoundReason, PoseEstimate,
     Reference, Status, StepTimings, localize, localize_features,
 };
+pub use near::{SeenPoint, SeenPose, localize_near, pose_from_points};
 pub use template::{
     RenderScore, SearchSide, TemplateAnswer, TemplateOptions, TemplateProof, localize_by_template,
     render_score,

@@ -4,10 +4,12 @@ use nalgebra::{Isometry3, Matrix6, Point2, Point3};
 use volery_estimation::absolute_pose::{RefinedPose, refine_absolute_pose};
 use volery_estimation::{AbsolutePoseOptions, estimate_absolute_pose};
 use volery_geometry::{Camera, median};
-use volery_scene::Features;
+use volery_scene::{Features, Keypoint};
 
 use crate::LocalizationIndex;
-use crate::acceptance::{Evidence, MIN_INLIERS, covariance_in_map, judge};
+use crate::acceptance::{
+    Evidence, MIN_CONFIRMED, MIN_CONFIRMED_NEAR, MIN_INLIERS, covariance_in_map, judge,
+};
 use crate::correspondences::Pair;
 use crate::guided::{KeypointGrid, match_projected};
 use crate::localize::{
@@ -142,10 +144,9 @@ impl<'a> PoseSolver<'a> {
             }
             places.push(place);
             let point = &self.index.points[pair.point as usize];
-            let scale = f64::from(self.features.keypoints[pair.keypoint as usize].scale);
             sights.push(Sight {
                 pixel,
-                relative_sigma: (1.0 + 0.04 * scale * scale).sqrt(),
+                relative_sigma: relative_sigma(&self.features.keypoints[pair.keypoint as usize]),
                 point: point.position,
                 point_index: pair.point,
                 covariance: point.covariance.map(f64::from),
@@ -158,7 +159,7 @@ impl<'a> PoseSolver<'a> {
         pairs.iter().map(|pair| (self.pixel(pair), self.position(pair))).unzip()
     }
 
-    /// RANSAC, then twice: look for what the pose brings into view, refine over what is found.
+    /// RANSAC, then what is near.
     fn candidate(
         &self,
         pairs: &[Pair],
@@ -174,8 +175,27 @@ impl<'a> PoseSolver<'a> {
         let (pixels, points) = self.split(pairs);
         let first =
             estimate_absolute_pose(&pixels, &points, self.camera, &options, self.seed).ok()?;
-        let mut pose = first.cam_from_world;
-        let mut inliers = kept(pairs, &first.inliers);
+        self.candidate_near(&first.cam_from_world, kept(pairs, &first.inliers), MIN_CONFIRMED)
+    }
+
+    /// The pose near `pose`, whose support is near the points of `inliers`, if there is one that is
+    /// believed. Nobody looks for rivals.
+    pub(crate) fn solve_near(&self, pose: &Isometry3<f64>, inliers: Vec<Pair>) -> Status {
+        match self.candidate_near(pose, inliers, MIN_CONFIRMED_NEAR) {
+            None => Status::NotFound(NotFoundReason::TooFewInliers),
+            Some(Candidate { verdict: Err(reason), .. }) => Status::NotFound(reason),
+            Some(Candidate { estimate, .. }) => Status::Ok(estimate),
+        }
+    }
+
+    /// Twice: looks for what the pose brings into view, refines over what is found.
+    fn candidate_near(
+        &self,
+        pose: &Isometry3<f64>,
+        mut inliers: Vec<Pair>,
+        min_confirmed: f64,
+    ) -> Option<Candidate> {
+        let mut pose = *pose;
         let mut refined: Option<(RefinedPose, usize, usize)> = None;
         for radius in GUIDED_RADII_PX {
             let radius = radius * self.pixel_scale;
@@ -205,8 +225,13 @@ impl<'a> PoseSolver<'a> {
         let covariance = covariance_in_map(&pose, &(weighted.covariance + from_map));
         let median_depth = self.median_depth(&pose, &inliers);
         let (pixels, _) = self.split(&inliers);
-        let evidence =
-            Evidence { inliers: &pixels, num_visible, median_depth, covariance: &covariance };
+        let evidence = Evidence {
+            inliers: &pixels,
+            num_visible,
+            min_confirmed,
+            median_depth,
+            covariance: &covariance,
+        };
         Some(Candidate {
             cam_from_world: pose,
             median_depth,
@@ -228,6 +253,12 @@ impl<'a> PoseSolver<'a> {
             inliers.iter().map(|pair| (pose * self.position(pair)).z).collect();
         median(&mut depths).unwrap_or(0.0)
     }
+}
+
+/// Coarse keypoints are placed less exactly.
+pub(crate) fn relative_sigma(keypoint: &Keypoint) -> f64 {
+    let scale = f64::from(keypoint.scale);
+    (1.0 + 0.04 * scale * scale).sqrt()
 }
 
 /// Whether two believed poses are elsewhere with comparable support.
