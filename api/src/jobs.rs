@@ -38,6 +38,42 @@ impl JobKind {
     }
 }
 
+/// How maps are brought together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RegistrationMethod {
+    /// By points that look the same; where they are too few, by the surfaces, if both maps have
+    /// dense clouds and a metric scale.
+    #[default]
+    Auto,
+    /// By points that look the same.
+    Points,
+    /// By the shape of the surfaces alone.
+    Surfaces,
+}
+
+/// What `register_maps` may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Registration {
+    /// How maps are brought together.
+    #[serde(default)]
+    pub method: RegistrationMethod,
+    /// Whether a map may be grown or shrunk; without, all maps must have one unit.
+    #[serde(default = "yes")]
+    pub with_scale: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Default for Registration {
+    fn default() -> Self {
+        Self { method: RegistrationMethod::default(), with_scale: true }
+    }
+}
+
 /// A job to do.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -54,6 +90,9 @@ pub struct CreateJob {
     #[schema(max_items = 16)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub map_ids: Vec<Uuid>,
+    /// With `register_maps`, how.
+    #[serde(default)]
+    pub registration: Registration,
     /// The map that gets a new version; a new map when absent. With `extend_map`, the map that the
     /// photos join.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -89,12 +128,24 @@ pub struct CreateJob {
 }
 
 /// Maps to join.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RegisterMaps {
     /// Two maps or more; their active versions are joined in the frame of the first.
     #[schema(min_items = 2, max_items = 16)]
     pub maps: Vec<Uuid>,
+    /// How they are brought together.
+    #[serde(default)]
+    pub method: RegistrationMethod,
+    /// Whether a map may be grown or shrunk; without, all maps must have one unit.
+    #[serde(default = "yes")]
+    pub with_scale: bool,
+    /// How much work is spent on the surface of the joined map.
+    #[serde(default)]
+    pub preset: Preset,
+    /// How far to go: `sfm` joins the maps without their surfaces; where the preset ends when empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<StageGroup>,
     /// The map that gets the result as a new version; a new map when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map_id: Option<Uuid>,
@@ -109,11 +160,36 @@ pub struct RegisterMaps {
     pub priority: i32,
 }
 
+impl Default for RegisterMaps {
+    fn default() -> Self {
+        Self {
+            maps: Vec::new(),
+            method: RegistrationMethod::default(),
+            with_scale: true,
+            preset: Preset::default(),
+            stages: Vec::new(),
+            map_id: None,
+            map_name: None,
+            seed: 0,
+            priority: 0,
+        }
+    }
+}
+
 impl From<RegisterMaps> for CreateJob {
     fn from(request: RegisterMaps) -> Self {
-        let RegisterMaps { maps, map_id, map_name, seed, priority } = request;
-        let kind = JobKind::RegisterMaps;
-        Self { kind, map_ids: maps, map_id, map_name, seed, priority, ..Self::default() }
+        Self {
+            kind: JobKind::RegisterMaps,
+            map_ids: request.maps,
+            registration: Registration { method: request.method, with_scale: request.with_scale },
+            preset: request.preset,
+            stages: request.stages,
+            map_id: request.map_id,
+            map_name: request.map_name,
+            seed: request.seed,
+            priority: request.priority,
+            ..Self::default()
+        }
     }
 }
 

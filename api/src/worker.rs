@@ -25,7 +25,7 @@ use utoipa::ToSchema;
 
 use crate::{
     AlignRequest, Camera, JobKind, KnownDistance, Localization, LocalizeMethod, LocalizePrior,
-    OriginRule, Preset, Prior, RenderRequest, StageGroup,
+    OriginRule, Preset, Prior, Registration, RenderRequest, StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -50,6 +50,9 @@ pub struct JobSpec {
     /// The maps to join; for `extend_map` the one that the photos join.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub maps: Vec<JobMap>,
+    /// How they are joined.
+    #[serde(default)]
+    pub registration: Registration,
     /// In the order of the flight.
     pub images: Vec<JobImage>,
     /// Intrinsics of every image that has none of its own; kept fixed.
@@ -84,6 +87,9 @@ pub struct JobMap {
     pub name: String,
     /// Map folder.
     pub path: String,
+    /// Files of its photos, and maybe of others: their content tells.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub photos: Vec<String>,
 }
 
 /// One photo of a [`JobSpec`].

@@ -8,7 +8,7 @@ use volery_scene::KnownDistance;
 
 mod values;
 
-pub(crate) use values::{MethodArg, OriginArg, PresetArg, StageArg};
+pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
 use values::{known_distance, position, positive};
 
 /// Photos to metric maps, and photos to poses in them.
@@ -218,6 +218,15 @@ pub(crate) enum MapsCommand {
         /// Of the maps; two at least.
         #[arg(required = true, num_args = 2..)]
         ids: Vec<Uuid>,
+        /// How they are brought together: by points that look the same, by the shape of their
+        /// surfaces, or by the second where the first finds nothing.
+        #[arg(long, value_enum, default_value_t = RegistrationArg::Auto)]
+        method: RegistrationArg,
+        /// All maps have one unit: none is grown or shrunk.
+        #[arg(long)]
+        same_scale: bool,
+        #[command(flatten)]
+        effort: EffortArgs,
         /// Map that gets the result as a new version; a new map when absent.
         #[arg(long)]
         map: Option<Uuid>,
@@ -235,10 +244,23 @@ pub(crate) enum MapsCommand {
         /// Of the image sets with the photos.
         #[arg(required = true)]
         imagesets: Vec<Uuid>,
+        #[command(flatten)]
+        effort: EffortArgs,
         /// Watch the job to its end.
         #[arg(long)]
         wait: bool,
     },
+}
+
+/// How much is done.
+#[derive(Debug, Args)]
+pub(crate) struct EffortArgs {
+    /// Effort.
+    #[arg(long, value_enum, default_value = "balanced")]
+    pub(crate) preset: PresetArg,
+    /// How far to go: to the last one named, with all before it; where the preset ends by default.
+    #[arg(long, value_delimiter = ',', value_enum)]
+    pub(crate) stages: Vec<StageArg>,
 }
 
 #[derive(Debug, Args)]

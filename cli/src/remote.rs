@@ -216,9 +216,13 @@ pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: boo
                 client.delete_map(*id).await.map_err(failed)?;
                 show(&serde_json::json!({ "deleted": id }), json, |_| format!("{id} is gone"));
             }
-            Some(MapsCommand::Register { ids, map, name, wait }) => {
+            Some(MapsCommand::Register { ids, method, same_scale, effort, map, name, wait }) => {
                 let request = RegisterMaps {
                     maps: ids.clone(),
+                    method: (*method).into(),
+                    with_scale: !same_scale,
+                    preset: effort.preset.into(),
+                    stages: effort.stages.iter().map(|stage| (*stage).into()).collect(),
                     map_id: *map,
                     map_name: name.clone(),
                     ..RegisterMaps::default()
@@ -226,11 +230,13 @@ pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: boo
                 let job = client.register_maps(&request).await.map_err(failed)?;
                 return show_job(&client, job, *wait, json).await;
             }
-            Some(MapsCommand::Extend { id, imagesets, wait }) => {
+            Some(MapsCommand::Extend { id, imagesets, effort, wait }) => {
                 let request = CreateJob {
                     kind: JobKind::ExtendMap,
                     map_id: Some(*id),
                     imageset_ids: imagesets.clone(),
+                    preset: effort.preset.into(),
+                    stages: effort.stages.iter().map(|stage| (*stage).into()).collect(),
                     ..CreateJob::default()
                 };
                 let job = client.create_job(&request).await.map_err(failed)?;

@@ -9,10 +9,8 @@ use crate::{
     cache::{Cache, Key, KeyMaker},
     error::{PipelineError, code},
     files::Files,
-    ingest::Ingested,
     options::StageOptions,
     report_surface::{DepthPicture, pictures},
-    spec::JobSpec,
     summary::DenseSummary,
 };
 
@@ -39,14 +37,13 @@ struct Header {
 /// The dense cloud of a model in the map frame: from `cache`, or made with its finished units kept
 /// in `units`.
 pub(crate) fn dense(
-    spec: &JobSpec,
-    ingested: &Ingested,
+    files: &Files,
     model: &SparseModel,
     options: &StageOptions,
     [cache, units]: [&Cache; 2],
     progress: &dyn Progress,
 ) -> Result<Dense, PipelineError> {
-    let key = key(ingested, model, options);
+    let key = key(files, model, options);
     let shelf = UnitShelf { cache: units, key };
     if let Some((summary, ply)) = cache.get(&key).and_then(|bytes| from_cache(&bytes))
         && let Ok(cloud) = read_ply_of_cloud(&ply)
@@ -56,8 +53,7 @@ pub(crate) fn dense(
         let pictures = pictures(&images, model, &shelf, &options.dense);
         return Ok(Dense { cloud, ply, key, summary, pictures, cached: true });
     }
-    let files = Files { spec, ingested };
-    let made = || reconstruct_dense(model, &files, &shelf, &options.dense, progress);
+    let made = || reconstruct_dense(model, files, &shelf, &options.dense, progress);
     let made = match made() {
         // A unit was damaged; what led to it may be gone.
         Err(DenseError::NotKept(_)) => {
@@ -101,10 +97,10 @@ pub(crate) fn depth_maps<'a>(
     model.images.keys().filter_map(move |&id| depth_map(model, &shelf, &options.dense, id))
 }
 
-fn key(ingested: &Ingested, model: &SparseModel, options: &StageOptions) -> Key {
+fn key(files: &Files, model: &SparseModel, options: &StageOptions) -> Key {
     let mut key = KeyMaker::new("dense").with_debug(&options.dense).with_debug(&model.cameras);
     for (id, image) in &model.images {
-        let hash = ingested.hashes[ingested.usable[id.0 as usize].input];
+        let hash = files.get(*id).map(|file| file.hash);
         key = key.with_debug(&hash).with_debug(&(id, image.camera, image.cam_from_world));
     }
     for (id, point) in &model.points {

@@ -38,10 +38,11 @@ pub use error::PipelineError;
 pub use heading::NorthInMap;
 pub use map_folder::{MapFolder, MapInfo};
 pub use moved::MovedBy;
-pub use register::{MapSource, PhotoReport, RegisterReport, extend_map, register_maps};
+pub use register::{FoundBy, MapSource, PhotoReport, RegisterReport, extend_map, register_maps};
 pub use spec::{CameraSpec, ImageInput, JobSpec, Preset, StageGroup};
 pub use summary::Summary;
 pub use view::Surface;
+pub use volery_api::{Registration, RegistrationMethod};
 
 /// Photos to a map folder.
 ///

@@ -11,6 +11,7 @@ use crate::{
     clock::Stopwatch,
     error::{PipelineError, code},
     export::write_map,
+    files::Files,
     ingest::{Fate, Ingested, ingest},
     map_folder::MapInfo,
     mapping::map_pairs,
@@ -66,7 +67,8 @@ pub(crate) fn reconstruct(
             // What follows may end the process; the sparse map and its report are there then.
             summarize(&trace)?;
             let folders = [work_dir, out_dir];
-            let surface = add_surface(spec, ingested, &map, &info, &options, folders, progress)?;
+            let files = Files::of_job(spec, ingested);
+            let surface = add_surface(spec, &files, &map, &info, &options, folders, progress)?;
             trace.stages.extend(surface.stages.iter().cloned());
             trace.surface = surface;
             summarize(&trace)

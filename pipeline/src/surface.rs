@@ -12,7 +12,6 @@ use crate::{
     error::PipelineError,
     export::write_info,
     files::Files,
-    ingest::Ingested,
     map_folder::{MapInfo, file},
     mesh::{mesh, textured_glb},
     options::StageOptions,
@@ -37,7 +36,7 @@ pub(crate) struct SurfaceTrace {
 /// can be made. Only a request to stop is an error.
 pub(crate) fn add_surface(
     spec: &JobSpec,
-    ingested: &Ingested,
+    files: &Files,
     map: &EnvironmentMap,
     info: &MapInfo,
     options: &StageOptions,
@@ -52,7 +51,7 @@ pub(crate) fn add_surface(
     let watch = Stopwatch::start();
     let made = Cache::open(work_dir, "dense").and_then(|cache| {
         let units = Cache::open(work_dir, UNITS)?;
-        let dense = dense(spec, ingested, &map.model, options, [&cache, &units], progress)?;
+        let dense = dense(files, &map.model, options, [&cache, &units], progress)?;
         write_atomic(&out_dir.join(file::DENSE), &dense.ply)?;
         info.num_dense_points = Some(dense.cloud.points.len());
         write_info(&info, out_dir)?;
@@ -75,9 +74,8 @@ pub(crate) fn add_surface(
     }
 
     let watch = Stopwatch::start();
-    let files = Files { spec, ingested };
     let folders = [work_dir, out_dir];
-    let made = add_mesh(&dense, map, &mut info, &files, options, folders, progress);
+    let made = add_mesh(&dense, map, &mut info, files, options, folders, progress);
     let (summary, cached) = match made {
         Ok(made) => made,
         Err(error) if error.is_cancelled() => return Err(error),

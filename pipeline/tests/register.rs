@@ -5,12 +5,14 @@ mod support;
 use std::{fs, path::Path};
 
 use support::Folder;
-use volery_geometry::{Camera, CameraModel, Point3, Vector3, similarity_from_points};
+use volery_formats::read_ply_of_cloud;
+use volery_geometry::{Camera, CameraModel, KdTree, Point3, Rng, Vector3, similarity_from_points};
 use volery_pipeline::{
-    CameraSpec, ImageInput, JobSpec, MapFolder, MapSource, Preset, RegisterReport, StageGroup,
-    extend_map, map_folder::read_map, reconstruct, register_maps,
+    CameraSpec, FoundBy, ImageInput, JobSpec, MapFolder, MapSource, PipelineError, Preset,
+    RegisterReport, Registration, RegistrationMethod, StageGroup, extend_map, map_folder::read_map,
+    reconstruct, register_maps,
 };
-use volery_scene::{NoProgress, RegisteredImage};
+use volery_scene::{NoProgress, PositionPrior, RegisteredImage};
 use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
 
 /// Photos of the whole round, and those of the two flights; they share the view of five photos,
@@ -61,7 +63,15 @@ fn fly(folder: &Path, hall_seed: u64, flight: usize) -> MapSource {
     let out = folder.join(&name);
     let summary = reconstruct(&spec, &folder.join("work"), &out, &NoProgress).unwrap();
     assert_eq!(summary.num_registered, FLIGHTS[flight].len(), "{:?}", summary.quality);
-    MapSource { name, folder: out }
+    let photos = spec.images.iter().map(|image| image.path.clone()).collect();
+    MapSource { name, folder: out, photos }
+}
+
+/// Of the sparse maps.
+fn join(sources: &[MapSource], out: &Path) -> Result<RegisterReport, PipelineError> {
+    let spec = JobSpec { stages: vec![StageGroup::Sfm], seed: 1, ..JobSpec::new(Vec::new()) };
+    let work = out.with_extension("work");
+    register_maps(sources, &Registration::default(), &spec, &work, out, &NoProgress)
 }
 
 /// P52, P53: one frame, one model, one index; photos of either flight are where they were taken.
@@ -70,7 +80,7 @@ fn two_flights_become_one_map() {
     let folder = Folder::new("join");
     let sources = [fly(&folder.0, 5, 0), fly(&folder.0, 5, 1)];
     let out = folder.0.join("joined");
-    let report = register_maps(&sources, 1, &out, &NoProgress).unwrap();
+    let report = join(&sources, &out).unwrap();
     assert_eq!(report.lack(), None);
     let [pair] = &report.pairs[..] else { panic!("{:?}", report.pairs) };
     assert!(pair.used && pair.num_inliers >= 20 && pair.error.is_none(), "{pair:?}");
@@ -101,7 +111,7 @@ fn two_flights_become_one_map() {
 
     // A map that was joined can be joined again, and equal runs give equal bytes.
     let again = folder.0.join("again");
-    assert_eq!(register_maps(&sources, 1, &again, &NoProgress).unwrap(), report);
+    assert_eq!(join(&sources, &again).unwrap(), report);
     for name in ["map.json", "localization.bin", "colmap/points3D.txt"] {
         assert!(fs::read(out.join(name)).unwrap() == fs::read(again.join(name)).unwrap(), "{name}");
     }
@@ -118,13 +128,13 @@ fn flights_through_two_halls_are_refused() {
     let folder = Folder::new("refuse");
     let sources = [fly(&folder.0, 5, 0), fly(&folder.0, 6, 1)];
     let out = folder.0.join("joined");
-    let error = register_maps(&sources, 1, &out, &NoProgress).unwrap_err();
+    let error = join(&sources, &out).unwrap_err();
     assert_eq!(error.code, "no_overlap", "{error}");
     assert!(!out.join("map.json").exists());
-    let error = register_maps(&sources[..1], 1, &out, &NoProgress).unwrap_err();
+    let error = join(&sources[..1], &out).unwrap_err();
     assert_eq!(error.code, "bad_input");
-    let missing = MapSource { name: "x".to_owned(), folder: folder.0.join("x") };
-    let error = register_maps(&[sources[0].clone(), missing], 1, &out, &NoProgress).unwrap_err();
+    let missing = MapSource { folder: folder.0.join("x"), ..sources[0].clone() };
+    let error = join(&[sources[0].clone(), missing], &out).unwrap_err();
     assert_eq!(error.code, "bad_map");
 }
 
@@ -185,7 +195,7 @@ fn two_photos_join_a_map_and_known_ones_are_left_alone() {
     assert_eq!(MapFolder::open(&out).unwrap().index().num_images(), 18);
 
     // The same photos again are nothing new, and the foreign one alone joins nothing.
-    let extended = MapSource { name: "extended".to_owned(), folder: out };
+    let extended = MapSource { folder: out, ..map };
     let again = JobSpec { images: spec.images[..4].to_vec(), ..spec.clone() };
     assert_eq!(extend(&again, &extended, "again").unwrap_err().code, "nothing_new");
     let foreign = JobSpec { images: vec![spec.images[4].clone()], ..spec };
@@ -214,4 +224,84 @@ fn a_flight_extends_a_map() {
     };
     let error = largest_error(&out, of_name);
     assert!(error < 0.03, "{error}");
+}
+
+/// Shorter flights, since depth maps cost time.
+const DENSE_FLIGHTS: [std::ops::Range<usize>; 2] = [0..11, 7..18];
+
+/// Share of the points of a dense cloud that lie on the hall, where the map is in its frame.
+fn share_on_walls(folder: &Path) -> f64 {
+    let cloud = read_ply_of_cloud(&fs::read(folder.join("dense.ply")).unwrap()).unwrap();
+    let hall = Hall::furnished(Vector3::new(8.0, 7.0, 3.0), 0.008, 5);
+    let mut rng = Rng::new(1);
+    let walls: Vec<Point3<f64>> =
+        (0..200_000).map(|_| hall.room.surface_point(&mut rng).position).collect();
+    let walls = KdTree::new(&walls);
+    let seen: Vec<_> = cloud.points.iter().filter(|point| !point.inferred).collect();
+    let on_walls = seen.iter().filter(|p| walls.nearest_within(&p.position.cast(), 0.05).is_some());
+    on_walls.count() as f64 / seen.len() as f64
+}
+
+/// A flight that knows its places, with a dense cloud.
+fn fly_dense(folder: &Path, flight: usize) -> MapSource {
+    let mut spec = photos(folder, 5, flight, DENSE_FLIGHTS[flight].clone());
+    for (image, place) in spec.images.iter_mut().zip(DENSE_FLIGHTS[flight].clone()) {
+        let pose = round(5 + flight as u64)[place].inverse();
+        let position = Point3::from(pose.translation.vector);
+        image.prior.position = Some(PositionPrior { position, sigma: 0.01 });
+    }
+    spec.stages = vec![StageGroup::Dense];
+    let name = format!("dense {flight}");
+    let out = folder.join(&name);
+    let summary = reconstruct(&spec, &folder.join("work"), &out, &NoProgress).unwrap();
+    assert!(summary.scale.metric && summary.surface_error().is_none(), "{summary:?}");
+    let photos = spec.images.iter().map(|image| image.path.clone()).collect();
+    MapSource { name, folder: out, photos }
+}
+
+/// P53, P54: where no point is asked, the shape of the hall brings two flights together, and the
+/// dense cloud of what comes of it lies on the walls of both.
+#[test]
+fn surfaces_join_two_flights_and_have_one_cloud() {
+    let folder = Folder::new("surfaces");
+    let sources = [fly_dense(&folder.0, 0), fly_dense(&folder.0, 1)];
+    let how = Registration { method: RegistrationMethod::Surfaces, with_scale: false };
+    let spec = JobSpec {
+        stages: vec![StageGroup::Dense],
+        preset: Preset::Fast,
+        ..JobSpec::new(Vec::new())
+    };
+    let (work, out) = (folder.0.join("work"), folder.0.join("joined"));
+    let report = register_maps(&sources, &how, &spec, &work, &out, &NoProgress).unwrap();
+    assert_eq!(report.lack(), None);
+    let [pair] = &report.pairs[..] else { panic!("{:?}", report.pairs) };
+    assert_eq!((pair.by, pair.scale), (Some(FoundBy::Surfaces), Some(1.0)));
+    assert!(pair.iterations.is_some_and(|n| n > 0) && pair.rms.unwrap() < 0.05, "{pair:?}");
+    let (info, map) = read_map(&out).unwrap();
+    assert_eq!(report.dense.as_ref().unwrap().num_depth_maps, 22);
+    // Both flights know where they were, so that the frame of the map is that of the hall.
+    let flown = DENSE_FLIGHTS.iter().enumerate();
+    let flown = flown.flat_map(|(flight, range)| range.clone().map(move |i| (flight, i)));
+    for (image, (flight, place)) in map.model.images.values().zip(flown) {
+        let truth = round(5 + flight as u64)[place].inverse().translation.vector;
+        let off = (image.center().coords - truth).norm();
+        assert!(off < 0.05, "{} is off by {off} m", image.name);
+    }
+    let cloud = read_ply_of_cloud(&fs::read(out.join("dense.ply")).unwrap()).unwrap();
+    assert_eq!(info.num_dense_points, Some(cloud.points.len()));
+    // It lies on the walls as well as the clouds of the flights do, and shows more of them.
+    let alone = sources.iter().map(|source| share_on_walls(&source.folder)).fold(1.0, f64::min);
+    let joined = share_on_walls(&out);
+    assert!(joined > 0.8 && joined > alone - 0.05, "{joined}, alone {alone}");
+    for source in &sources {
+        let (flight, _) = read_map(&source.folder).unwrap();
+        assert!(cloud.points.len() * 4 > flight.num_dense_points.unwrap() * 5);
+    }
+
+    // Photos that are gone are told; the map stays.
+    let gone = sources.map(|source| MapSource { photos: Vec::new(), ..source });
+    let out = folder.0.join("gone");
+    let report = register_maps(&gone, &Registration::default(), &spec, &work, &out, &NoProgress);
+    assert_eq!(report.unwrap().lack().unwrap().code, "no_photos");
+    assert!(out.join("map.json").exists() && !out.join("dense.ply").exists());
 }

@@ -77,6 +77,16 @@ async fn maps_are_joined_and_extended() {
     assert!(!maps.iter().any(|map| map == joined));
     let map = client.get(&format!("/v1/maps/{joined}")).await.expect(200).json();
     assert_eq!(map["name"], "both");
+    assert_eq!(map["active"]["info"]["photos"], json!([1, 1]));
+    // The photos of a joined map are those of its parts, also when those are gone.
+    client.delete(&format!("/v1/maps/{}", maps[1])).await.expect(204);
+    let again = json!({"maps": [maps[0], joined], "method": "points", "with_scale": false});
+    let job = client.post("/v1/maps:register", again).await.expect(202).json();
+    let job = client.finished(job["id"].as_str().unwrap()).await;
+    let again = job["outputs"]["map_id"].as_str().unwrap();
+    let map = client.get(&format!("/v1/maps/{again}")).await.expect(200).json();
+    assert_eq!(map["active"]["info"]["photos"], json!([1, 2]));
+    maps[1] = again.to_owned();
 
     let set = client.imageset(&["c.jpg", "d.jpg"]).await;
     let request = json!({"kind": "extend_map", "map_id": maps[0], "imageset_ids": [set]});

@@ -1,7 +1,7 @@
 //! Values of arguments.
 
 use clap::ValueEnum;
-use volery_api::LocalizeMethod;
+use volery_api::{LocalizeMethod, RegistrationMethod};
 use volery_pipeline::{Preset, StageGroup};
 use volery_scene::{KnownDistance, OriginRule};
 
@@ -18,6 +18,23 @@ impl From<MethodArg> for LocalizeMethod {
             MethodArg::Auto => Self::Auto,
             MethodArg::Pnp => Self::Pnp,
             MethodArg::Template => Self::Template,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RegistrationArg {
+    Auto,
+    Points,
+    Surfaces,
+}
+
+impl From<RegistrationArg> for RegistrationMethod {
+    fn from(method: RegistrationArg) -> Self {
+        match method {
+            RegistrationArg::Auto => Self::Auto,
+            RegistrationArg::Points => Self::Points,
+            RegistrationArg::Surfaces => Self::Surfaces,
         }
     }
 }

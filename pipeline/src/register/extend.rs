@@ -5,6 +5,7 @@ use std::{
     path::Path,
 };
 
+use volery_api::Registration;
 use volery_scene::Progress;
 
 use super::{
@@ -59,7 +60,7 @@ pub fn extend_map(
             Err(_) => {}
         }
     }
-    let mut found = Frame::of(&parts, spec.seed, progress)?;
+    let mut found = Frame::of(&parts, &Registration::default(), spec.seed, progress)?;
     let mut whole = Whole::of(&parts, &found.pairs, &found.used, &mut found.poses, spec.seed);
     if let (Some(Some(_)), Some(new)) = (found.poses.get(1), parts.get(1)) {
         photos.take_out_those_of(new);
@@ -86,7 +87,9 @@ pub fn extend_map(
         return Err(photos.none_joined());
     }
     whole.settle(progress)?;
-    finish(&parts, &found, whole, photos.reports, out_dir, progress)
+    let files = map.photos.iter().chain(spec.images.iter().map(|image| &image.path)).cloned();
+    let report = found.report(&parts, &whole, photos.reports);
+    finish(spec, report, whole, &files.collect::<Vec<_>>(), [work_dir, out_dir], progress)
 }
 
 /// What becomes of the photos.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::report::{PairReport, RegisterReport};
+use super::report::{FoundBy, PairReport, RegisterReport};
 use crate::report_html::{STYLE, escape};
 
 /// The page.
@@ -41,10 +41,16 @@ fn write_page(html: &mut String, report: &RegisterReport) -> std::fmt::Result {
     write!(
         html,
         "</table><h2>Pairs</h2><table><tr><th>Moved<th>Onto<th class=n>Points<th class=n>Fitness\
-         <th class=n>Overlap<th class=n>RMS<th>"
+         <th class=n>Overlap<th class=n>RMS<th>By<th>"
     )?;
     report.pairs.iter().try_for_each(|pair| write_pair(html, pair))?;
     write!(html, "</table>")?;
+    if let Some(dense) = report.dense.as_ref().filter(|dense| dense.error.is_none()) {
+        let maps = dense.num_depth_maps;
+        write!(html, "<h2>Surface</h2><p>{} points of {maps} depth maps", dense.num_points)?;
+        let triangles = report.mesh.as_ref().map(|mesh| mesh.num_triangles);
+        write!(html, ", {} triangles</p>", triangles.unwrap_or(0))?;
+    }
     if report.photos.is_empty() {
         return Ok(());
     }
@@ -67,10 +73,15 @@ fn write_pair(html: &mut String, pair: &PairReport) -> std::fmt::Result {
     let class = if pair.used { "" } else { "off" };
     let rms = pair.rms.map_or(String::new(), |rms| format!("{rms:.3}"));
     let error = pair.error.as_ref().map_or("", |error| &error.detail);
+    let by = match pair.by {
+        Some(FoundBy::Points) => "points",
+        Some(FoundBy::Surfaces) => "surfaces",
+        None => "",
+    };
     write!(
         html,
         "<tr class='{class}'><td>{}<td>{}<td class=n>{} of {}<td class=n>{:.2}<td class=n>{:.2}\
-         <td class=n>{rms}<td>{}",
+         <td class=n>{rms}<td>{by}<td>{}",
         escape(&pair.source),
         escape(&pair.target),
         pair.num_inliers,

@@ -1,6 +1,10 @@
 //! A map as one part of a larger one.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::{Point3, Similarity3};
 use volery_features::{GlobalDescriptor, MatchOptions, match_features};
@@ -33,6 +37,7 @@ pub(super) struct KeptFeatures {
 /// A map folder in memory.
 pub(super) struct Part {
     pub(super) name: String,
+    pub(super) folder: PathBuf,
     pub(super) info: MapInfo,
     pub(super) map: EnvironmentMap,
     pub(super) index: LocalizationIndex,
@@ -56,7 +61,8 @@ impl Part {
         }
         let images = map.model.images.keys().copied().collect();
         let keypoints = keypoints(&info, &map, &index);
-        Ok(Self { name: name.to_owned(), info, map, index, images, keypoints })
+        let (name, folder) = (name.to_owned(), folder.to_owned());
+        Ok(Self { name, folder, info, map, index, images, keypoints })
     }
 
     /// Keypoints with points that look like some of `target`, image by image.
@@ -102,6 +108,11 @@ impl Part {
             }
         }
         KeptFeatures { descriptors, global: rows.global.clone() }
+    }
+
+    /// Whether its surface can be laid on that of another map.
+    pub(super) fn has_surface(&self) -> bool {
+        self.info.num_dense_points.is_some() && self.info.scale.metric
     }
 
     pub(super) fn num_images(&self) -> usize {

@@ -6,8 +6,14 @@ use nalgebra::Similarity3;
 use serde::{Deserialize, Serialize};
 use volery_scene::{PointId, Quality, RegisteredImage};
 
-use super::{pairs::Pair, part::Part};
-use crate::PipelineError;
+use super::{
+    pairs::{Found, Pair},
+    part::Part,
+};
+use crate::{
+    PipelineError,
+    summary::{DenseSummary, MeshSummary},
+};
 
 /// Where a map lies in the merged one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,6 +32,16 @@ pub struct MapReport {
     pub num_images: usize,
 }
 
+/// What brings two maps together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FoundBy {
+    /// Points that look the same.
+    Points,
+    /// The shape of the surfaces.
+    Surfaces,
+}
+
 /// What two maps say about each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PairReport {
@@ -37,11 +53,20 @@ pub struct PairReport {
     pub num_pairs: usize,
     /// Points of these that the transform brings together.
     pub num_inliers: usize,
-    /// Their share, 0 to 1.
+    /// Their share; by surfaces, the share of the smaller surface that lies on the other. 0 to 1.
     pub fitness: f64,
-    /// Share of the images of the smaller map that see such a point, 0 to 1.
+    /// Share of the images of the smaller map that see such a point; by surfaces, as `fitness`.
     pub overlap: f64,
-    /// Root mean square distance of the points brought together, units of the target.
+    /// What the transform was found by.
+    #[serde(default)]
+    pub by: Option<FoundBy>,
+    /// Steps of the last search over the surfaces.
+    #[serde(default)]
+    pub iterations: Option<usize>,
+    /// Share of what both surfaces should see that speaks against it, 0 to 1.
+    #[serde(default)]
+    pub contradiction: Option<f64>,
+    /// Root mean square distance of what is brought together, units of the target.
     pub rms: Option<f64>,
     /// Scale of the target relative to the source.
     pub scale: Option<f64>,
@@ -107,6 +132,15 @@ pub struct RegisterReport {
     pub reprojection_px: Option<f64>,
     /// How far to trust the merged map.
     pub quality: Quality,
+    /// Images whose photo is not there any more: the surface is made without them.
+    #[serde(default)]
+    pub num_photos_gone: usize,
+    /// Of the dense cloud, if one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dense: Option<DenseSummary>,
+    /// Of the mesh, if one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshSummary>,
 }
 
 impl RegisterReport {
@@ -133,8 +167,16 @@ impl RegisterReport {
                 "extend one of the maps with photos that show what both show",
             ));
         }
-        let reason = self.quality.reasons.first()?;
-        Some(PipelineError::plain(&reason.code, reason.detail.clone()))
+        if let Some(reason) = self.quality.reasons.first() {
+            return Some(PipelineError::plain(&reason.code, reason.detail.clone()));
+        }
+        let dense = self.dense.as_ref().and_then(|dense| dense.error.as_ref());
+        let surface = dense.or_else(|| self.mesh.as_ref()?.error.as_ref()).cloned();
+        let gone = self.num_photos_gone;
+        surface.or_else(|| {
+            let detail = format!("the surface lacks {gone} photos that are gone");
+            (gone > 0).then(|| PipelineError::plain("photos_gone", detail))
+        })
     }
 }
 
@@ -166,13 +208,23 @@ pub(super) fn pair_report(parts: &[Part], pair: &Pair, used: bool) -> PairReport
         let from = seen(source, found.points.iter().map(|p| p.0).collect());
         from.max(seen(target, found.points.iter().map(|p| p.1).collect()))
     });
+    let surfaces = found.and_then(|found| found.surfaces);
+    let fitness = num_inliers as f64 / num_pairs.max(1) as f64;
+    let by_surfaces = surfaces.map(|(overlap, _)| overlap.fraction);
+    let by = |found: &Found| match found.surfaces {
+        Some(_) => FoundBy::Surfaces,
+        None => FoundBy::Points,
+    };
     PairReport {
         source: source.name.clone(),
         target: target.name.clone(),
         num_pairs,
         num_inliers,
-        fitness: num_inliers as f64 / num_pairs.max(1) as f64,
-        overlap,
+        fitness: by_surfaces.unwrap_or(fitness),
+        overlap: by_surfaces.unwrap_or(overlap),
+        by: found.map(by),
+        iterations: surfaces.map(|(_, iterations)| iterations),
+        contradiction: surfaces.map(|(overlap, _)| overlap.contradiction),
         rms: found.map(|found| found.rms),
         scale: found.map(|found| found.target_from_source.scaling()),
         used,

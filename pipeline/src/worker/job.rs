@@ -64,11 +64,15 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
     let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
     let spec: JobSpec = serde_json::from_slice(&bytes)
         .map_err(|e| PipelineError::plain(code::BAD_INPUT, format!("{JOB_FILE}: {e}")))?;
-    let (kind, seed) = (spec.kind, spec.seed);
+    let (kind, how) = (spec.kind, spec.registration);
     let maps: Vec<MapSource> = spec
         .maps
         .iter()
-        .map(|map| MapSource { name: map.name.clone(), folder: work_dir.join(&map.path) })
+        .map(|map| MapSource {
+            name: map.name.clone(),
+            folder: work_dir.join(&map.path),
+            photos: map.photos.iter().map(|photo| work_dir.join(photo)).collect(),
+        })
         .collect();
     let spec = wire::job_spec(spec, work_dir)?;
     let (cache, out) = (work_dir.join(CACHE_FOLDER), work_dir.join(OUT_FOLDER));
@@ -78,7 +82,7 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
             Ok((success(&summary), summary.warnings))
         }
         JobKind::RegisterMaps => {
-            Ok((registered(&register_maps(&maps, seed, &out, lines)?), Vec::new()))
+            Ok((registered(&register_maps(&maps, &how, &spec, &cache, &out, lines)?), Vec::new()))
         }
         JobKind::ExtendMap => {
             let [map] = &maps[..] else {

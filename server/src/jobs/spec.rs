@@ -59,6 +59,7 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
     Ok(JobSpec {
         kind: request.kind,
         maps: maps(app, request).await?,
+        registration: request.registration,
         images,
         camera: request.camera.clone(),
         known_distances: request.known_distances.clone(),
@@ -77,7 +78,10 @@ async fn maps(app: &App, request: &CreateJob) -> ApiResult<Vec<JobMap>> {
     for id in request.map_ids.iter().copied().chain(extended) {
         let map = app.store.map(id).await?;
         let folder = app.map_folder(&map.active).await?;
-        maps.push(JobMap { name: map.name, path: folder.display().to_string() });
+        let photos = app.store.photos_of_map(id).await?;
+        let photos = photos.iter().map(|sha256| app.blobs.path(sha256).display().to_string());
+        let path = folder.display().to_string();
+        maps.push(JobMap { name: map.name, path, photos: photos.collect() });
     }
     Ok(maps)
 }

@@ -126,6 +126,24 @@ impl Store {
         })
     }
 
+    /// The photos, by their SHA-256, of every job that made a version of a map, or of a map that
+    /// was joined to it; without those that were deleted since.
+    pub(crate) async fn photos_of_map(&self, map: Uuid) -> ApiResult<Vec<String>> {
+        let rows = sqlx::query(
+            "WITH RECURSIVE source (map) AS (
+                 VALUES (?1) UNION
+                 SELECT joined.value FROM source JOIN jobs ON jobs.map_id = source.map,
+                 json_each(jobs.request, '$.map_ids') AS joined)
+             SELECT DISTINCT images.sha256 FROM source JOIN jobs ON jobs.map_id = source.map,
+             json_each(jobs.request, '$.imageset_ids') AS used
+             JOIN images ON images.imageset_id = used.value ORDER BY images.sha256",
+        )
+        .bind(map.to_string())
+        .fetch_all(&self.readers)
+        .await?;
+        Ok(rows.iter().map(|row| row.try_get("sha256")).collect::<Result<_, _>>()?)
+    }
+
     /// In rising order.
     pub(crate) async fn versions(&self, map: Uuid, at: PageAt) -> ApiResult<Page<MapVersion>> {
         let rows = sqlx::query(

@@ -80,7 +80,7 @@ fn run_job(folder: &Path) {
             }
         }
     }
-    write_map(folder, &names);
+    write_map(folder, &names, &spec["maps"]);
     if told("late death") {
         std::process::abort();
     }
@@ -89,11 +89,20 @@ fn run_job(folder: &Path) {
     say(json!({"type": "result", "ok": true, "state": state, "map": "out"}));
 }
 
-fn write_map(folder: &Path, names: &[String]) {
+/// `map.json` also tells how many photos came with each map that is joined.
+fn write_map(folder: &Path, names: &[String], maps: &Value) {
+    let photos: Vec<usize> = maps
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|map| map["photos"].as_array().map_or(0, Vec::len))
+        .collect();
+    let scale = json!({"metric": false});
+    let info = json!({"num_images": names.len(), "scale": scale, "photos": photos});
     let out = folder.join("out");
     fs::create_dir_all(out.join("colmap")).expect("room");
     for (name, text) in [
-        ("map.json", json!({"num_images": names.len(), "scale": {"metric": false}}).to_string()),
+        ("map.json", info.to_string()),
         ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
         ("sparse.ply", "0123456789".to_owned()),
         ("dense.ply", "many points".to_owned()),

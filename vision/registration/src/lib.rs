@@ -32,7 +32,9 @@ pub use merge::{PointOfPart, adjust_merged, merge_models};
 pub use nearby::{NearbyOptions, register_nearby};
 pub use overlap::Overlap;
 pub use pose_graph::{Link, PoseGraph, solve_pose_graph};
-pub use shared_points::{CrossMatches, SharedAlignment, align_shared_points, shared_points};
+pub use shared_points::{
+    CrossMatches, SharedAlignment, agreeing_points, align_shared_points, shared_points,
+};
 pub use surfels::{Surfel, Surfels};
 pub use zone::Zone;
 

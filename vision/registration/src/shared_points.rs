@@ -6,12 +6,12 @@ use nalgebra::{Point3, Similarity3, SymmetricEigen};
 use volery_estimation::{
     EstimatedSimilarity, SimilarityError, SimilarityOptions, estimate_similarity,
 };
-use volery_geometry::{AlignError, median};
+use volery_geometry::{AlignError, isometry_from_points, median};
 use volery_scene::{FeatureMatch, ImageId, PointId, SparseModel};
 
-use crate::RegistrationError;
 use crate::constraint::{Constraint, TwistMatrix, twist};
 use crate::surfels::center;
+use crate::{Motion, RegistrationError};
 
 /// A point is found again if it falls this near, as a share of the distance from which the target
 /// sees its points. Triangulated points are known to 1 to 2 %.
@@ -85,7 +85,59 @@ pub fn shared_points(
     pairs
 }
 
-/// The similarity that brings points of `source` to points of `target` that look the same.
+/// Positions of pairs of points, in either map.
+fn positions(
+    source: &SparseModel,
+    target: &SparseModel,
+    pairs: &[(PointId, PointId)],
+) -> (Vec<Point3<f64>>, Vec<Point3<f64>>) {
+    let of = |(s, t): &(PointId, PointId)| {
+        Some((source.points.get(s)?.position, target.points.get(t)?.position))
+    };
+    pairs.iter().filter_map(of).unzip()
+}
+
+/// Pairs of points that keypoint matches suggest and that a known transform brings together.
+pub fn agreeing_points(
+    source: &SparseModel,
+    target: &SparseModel,
+    matches: &[CrossMatches],
+    target_from_source: &Similarity3<f64>,
+) -> Vec<(PointId, PointId)> {
+    let pairs = shared_points(source, target, matches);
+    let (from, to) = positions(source, target, &pairs);
+    let max_error = MAX_ERROR * viewing_distance(target, pairs.iter().map(|pair| pair.1));
+    let agrees = |k: usize| (target_from_source * from[k] - to[k]).norm() <= max_error;
+    (0..from.len()).filter(|&k| agrees(k)).map(|k| pairs[k]).collect()
+}
+
+/// Rounds of fitting to those that fit, where the scale is known.
+const RIGID_ROUNDS: usize = 3;
+
+/// The same without scale: fitted to the inliers, which are chosen anew.
+fn without_scale(
+    mut found: EstimatedSimilarity,
+    from: &[Point3<f64>],
+    to: &[Point3<f64>],
+    max_error: f64,
+) -> Result<EstimatedSimilarity, AlignError> {
+    for _ in 0..RIGID_ROUNDS {
+        let kept = |points: &[Point3<f64>]| -> Vec<Point3<f64>> {
+            points.iter().zip(&found.inliers).filter(|(_, i)| **i).map(|(p, _)| *p).collect()
+        };
+        let target_from_source = isometry_from_points(&kept(from), &kept(to))?;
+        let errors = from.iter().zip(to).map(|(f, t)| (target_from_source * f - t).norm());
+        let inliers: Vec<bool> = errors.clone().map(|error| error <= max_error).collect();
+        let squares = errors.filter(|error| *error <= max_error).map(|error| error * error);
+        let num_inliers = inliers.iter().filter(|inlier| **inlier).count();
+        let rms = (squares.sum::<f64>() / num_inliers.max(1) as f64).sqrt();
+        let target_from_source = Similarity3::from_isometry(target_from_source, 1.0);
+        found = EstimatedSimilarity { target_from_source, inliers, num_inliers, rms };
+    }
+    Ok(found)
+}
+
+/// The transform that brings points of `source` to points of `target` that look the same.
 ///
 /// # Errors
 ///
@@ -95,14 +147,11 @@ pub fn align_shared_points(
     source: &SparseModel,
     target: &SparseModel,
     matches: &[CrossMatches],
+    motion: Motion,
     seed: u64,
 ) -> Result<SharedAlignment, RegistrationError> {
     let pairs = shared_points(source, target, matches);
-    let positions: Vec<(Point3<f64>, Point3<f64>)> = pairs
-        .iter()
-        .filter_map(|(s, t)| Some((source.points.get(s)?.position, target.points.get(t)?.position)))
-        .collect();
-    let (from, to): (Vec<_>, Vec<_>) = positions.into_iter().unzip();
+    let (from, to) = positions(source, target, &pairs);
     let distance = viewing_distance(target, pairs.iter().map(|pair| pair.1));
     let options = SimilarityOptions {
         max_error: MAX_ERROR * distance,
@@ -120,6 +169,14 @@ pub fn align_shared_points(
             RegistrationError::NoOverlap { overlap: share(num_inliers), contradiction: 0.0 }
         }
     })?;
+    let found = match motion {
+        Motion::Similarity => found,
+        Motion::Rigid => without_scale(found, &from, &to, options.max_error)?,
+    };
+    if found.num_inliers < MIN_INLIERS {
+        let overlap = share(found.num_inliers);
+        return Err(RegistrationError::NoOverlap { overlap, contradiction: 0.0 });
+    }
     let inliers: Vec<Point3<f64>> =
         to.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(p, _)| *p).collect();
     if second_extent(&inliers) < MIN_EXTENT * distance {
@@ -170,110 +227,4 @@ fn constraint(points: &[Point3<f64>], rms: f64) -> Constraint {
 }
 
 #[cfg(test)]
-mod tests {
-    use nalgebra::{Isometry3, Point2, Vector3};
-    use volery_geometry::Rng;
-    use volery_scene::{CameraId, Observation, Point3d, RegisteredImage};
-
-    use super::*;
-
-    /// A map of the given points, which two images from (0, 0, -4) see; keypoint i is point i.
-    fn map(points: &[Point3<f64>]) -> SparseModel {
-        let mut model = SparseModel::default();
-        let num = points.len();
-        for image in [0, 1].map(ImageId) {
-            model.images.insert(
-                image,
-                RegisteredImage {
-                    name: format!("{}.jpg", image.0),
-                    camera: CameraId(0),
-                    cam_from_world: Isometry3::translation(0.1 * f64::from(image.0), 0.0, 4.0),
-                    keypoints: vec![Point2::origin(); num],
-                    points: (0..num as u32).map(|i| Some(PointId(i.into()))).collect(),
-                },
-            );
-        }
-        for (i, &position) in points.iter().enumerate() {
-            let keypoint = i as u32;
-            let track = [0, 1].map(|k| Observation { image: ImageId(k), keypoint }).to_vec();
-            let point = Point3d { position, color: [0; 3], error_px: 0.5, track };
-            model.points.insert(PointId(keypoint.into()), point);
-        }
-        model
-    }
-
-    fn matches(pairs: impl Iterator<Item = (usize, usize)>) -> Vec<CrossMatches> {
-        let to_match = |(a, b)| FeatureMatch { feature1: a as u32, feature2: b as u32 };
-        let matches: Vec<FeatureMatch> = pairs.map(to_match).collect();
-        vec![CrossMatches { source: ImageId(0), target: ImageId(1), matches }]
-    }
-
-    fn spread(rng: &mut Rng, n: usize) -> Vec<Point3<f64>> {
-        (0..n).map(|_| Point3::from(rng.normal3() * 1.5)).collect()
-    }
-
-    /// P53: two maps in frames and units of their own, 40 of 200 matches right.
-    #[test]
-    fn a_fifth_of_right_matches_is_enough() {
-        let truth =
-            Similarity3::new(Vector3::new(3.0, -1.0, 0.5), Vector3::new(0.2, 2.0, -0.4), 1.7);
-        let mut normalized = Vec::new();
-        for seed in 0..10 {
-            let mut rng = Rng::new(seed);
-            let source = spread(&mut rng, 200);
-            let target: Vec<_> = source.iter().map(|p| truth * p + rng.normal3() * 0.01).collect();
-            let shuffled = (0..200).map(|i| (i, if i < 40 { i } else { rng.index(200) }));
-            let matches = matches(shuffled.collect::<Vec<_>>().into_iter());
-            let found = align_shared_points(&map(&source), &map(&target), &matches, seed).unwrap();
-            assert!(found.points.len() >= 38, "{}", found.points.len());
-            assert!(found.points.iter().filter(|(s, t)| s == t).count() >= 38);
-            let error = found.target_from_source * truth.inverse();
-            assert!((error.scaling() - 1.0).abs() < 5e-3);
-            assert!(error.isometry.rotation.angle() < 5e-3);
-            let c = found.constraint.center;
-            let moved = error * c - c;
-            let covariance = found.constraint.covariance().unwrap();
-            normalized.push(moved.norm_squared() / covariance.fixed_view::<3, 3>(3, 3).trace());
-        }
-        // χ² of three degrees over its mean: one on average, here of ten draws.
-        let mean = normalized.iter().sum::<f64>() / 10.0;
-        assert!((0.3..2.5).contains(&mean), "{mean}");
-    }
-
-    #[test]
-    fn rooms_without_common_points_are_told_apart() {
-        for seed in 0..10 {
-            let mut rng = Rng::new(seed);
-            let (source, target) = (spread(&mut rng, 300), spread(&mut rng, 300));
-            let all = matches((0..300).map(|i| (i, i)));
-            let found = align_shared_points(&map(&source), &map(&target), &all, seed);
-            assert!(matches!(found, Err(RegistrationError::NoOverlap { .. })), "{found:?}");
-        }
-        let empty = map(&[]);
-        let none = align_shared_points(&empty, &empty, &[], 0).unwrap_err();
-        assert_eq!(none.code(), "no_overlap");
-    }
-
-    /// Fifty points of one poster, 40 cm wide, 4 m away.
-    #[test]
-    fn a_poster_is_no_overlap() {
-        let mut rng = Rng::new(1);
-        let poster: Vec<_> =
-            (0..50).map(|_| Point3::new(rng.range(-0.2, 0.2), rng.range(-0.3, 0.3), 0.0)).collect();
-        let all = matches((0..50).map(|i| (i, i)));
-        let found = align_shared_points(&map(&poster), &map(&poster), &all, 1).unwrap_err();
-        assert_eq!(found.code(), "underconstrained");
-    }
-
-    #[test]
-    fn points_are_paired_once_by_votes() {
-        let mut rng = Rng::new(2);
-        let model = map(&spread(&mut rng, 10));
-        let mut votes = matches([(0, 0), (1, 1), (2, 5), (9, 9)].into_iter());
-        votes.extend(matches([(0, 3), (2, 5), (1, 1), (99, 0)].into_iter()));
-        votes.push(CrossMatches { source: ImageId(7), ..votes[0].clone() });
-        let pairs = shared_points(&model, &model, &votes);
-        let ids = [(0, 0), (1, 1), (2, 5), (9, 9)].map(|(s, t)| (PointId(s), PointId(t)));
-        assert_eq!(pairs, ids);
-    }
-}
+mod tests;

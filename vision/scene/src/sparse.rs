@@ -88,6 +88,24 @@ impl SparseModel {
         id
     }
 
+    /// Removes an image and its sightings; points that less than two others see go, too.
+    pub fn remove_image(&mut self, image: ImageId) {
+        let Some(removed) = self.images.remove(&image) else { return };
+        for id in removed.points.into_iter().flatten() {
+            let Some(point) = self.points.get_mut(&id) else { continue };
+            point.track.retain(|o| o.image != image);
+            if point.track.len() >= 2 {
+                continue;
+            }
+            for o in self.points.remove(&id).into_iter().flat_map(|point| point.track) {
+                let slot = self.images.get_mut(&o.image);
+                if let Some(slot) = slot.and_then(|i| i.points.get_mut(o.keypoint as usize)) {
+                    *slot = None;
+                }
+            }
+        }
+    }
+
     /// Moves the whole model: `x_in_target = target_from_world * x`.
     pub fn transform(&mut self, target_from_world: &nalgebra::Similarity3<f64>) {
         let rotation = target_from_world.isometry.rotation;
