@@ -1,6 +1,7 @@
 //! Several vehicles in one space: formations, the plan and its check, the flight of the plan.
 
 mod assignment;
+mod conductor;
 mod coordinator;
 mod deconfliction;
 mod formation;
@@ -10,6 +11,7 @@ mod plan;
 mod separation;
 
 pub use assignment::assign;
+pub use conductor::{BeginRefused, Conductor, sight};
 pub use coordinator::{
     Coordinator, FlightEvent, FlightOptions, FlightState, Order, Seen, StartRefused, Tick,
 };

@@ -106,6 +106,11 @@ impl Vehicle {
         self.pilot.is_in_control()
     }
 
+    /// What the watchdog has done about it.
+    pub fn verdict(&self) -> Verdict {
+        self.verdict
+    }
+
     /// Where it is and looks, standing; `None` when its estimator does not know.
     pub fn here(&self) -> Option<Setpoint> {
         let (motion, (yaw, _)) = (self.telemetry.motion?, self.telemetry.yaw?);

@@ -61,6 +61,8 @@ pub enum Reason {
     BatteryLow,
     /// Another vehicle comes too near.
     TooClose,
+    /// Somebody else flies it.
+    NotInControl,
 }
 
 impl Reason {
@@ -76,6 +78,7 @@ impl Reason {
             Self::LeaseOver => "lease_over",
             Self::BatteryLow => "battery_low",
             Self::TooClose => "too_close",
+            Self::NotInControl => "not_in_control",
         }
     }
 }
