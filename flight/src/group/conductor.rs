@@ -4,11 +4,14 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::{Coordinator, FlightEvent, FlightState, Order, Seen, StartRefused};
+use crate::motion::Trajectory;
 use crate::watchdog::{Reason, Verdict};
 use crate::{Command, CommandRefusal, Fleet, Vehicle, VehicleId};
 
 /// Shortest time between two steps.
 const PERIOD: Duration = Duration::from_millis(50);
+/// Slower vehicles hover. Meters per second.
+const HOVERING: f64 = 0.2;
 /// For everybody to be in the air and at the start.
 const TAKE_OFF_TIMEOUT: Duration = Duration::from_secs(60);
 
@@ -101,7 +104,7 @@ impl Conductor {
 
     /// Whether everybody is known to be at or straight below the start.
     fn stands_beneath_starts(&self, seen: &BTreeMap<VehicleId, Seen>) -> Option<()> {
-        let tolerance = self.coordinator.options.rules.start_tolerance;
+        let tolerance = self.coordinator.options().rules.start_tolerance;
         let ways = &self.coordinator.plan().ways;
         let beneath = ways.iter().all(|(vehicle, way)| {
             seen.get(vehicle).is_some_and(|seen| {
@@ -113,6 +116,17 @@ impl Conductor {
         beneath.then_some(())
     }
 
+    /// Whether everybody hovers at the start.
+    fn is_settled(&self, seen: &BTreeMap<VehicleId, Seen>) -> bool {
+        let hovers = |(vehicle, way): (&VehicleId, &Trajectory)| {
+            seen.get(vehicle).is_some_and(|seen| {
+                let apart = (way.start().position - seen.position).norm();
+                apart <= self.coordinator.options().there && seen.velocity.norm() <= HOVERING
+            })
+        };
+        self.coordinator.plan().ways.iter().all(hovers)
+    }
+
     /// One step, to be taken whenever the fleet is polled. Returns what happened.
     pub fn poll(&mut self, fleet: &mut Fleet, now: Duration) -> Vec<FlightEvent> {
         if self.polled.is_some_and(|polled| now < polled + PERIOD) {
@@ -121,7 +135,7 @@ impl Conductor {
         self.polled = Some(now);
         let seen = sight(fleet);
         if let Some(by) = self.begins_by {
-            if self.coordinator.start(now, &seen).is_ok() {
+            if self.is_settled(&seen) && self.coordinator.start(now, &seen).is_ok() {
                 self.begins_by = None;
             } else if now >= by || self.coordinator.state() != FlightState::Ready {
                 self.begins_by = None;

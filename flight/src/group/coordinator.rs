@@ -145,7 +145,9 @@ pub struct FlightOptions {
     pub how: Deconfliction,
     /// Keeps vehicles apart whatever the plan says.
     pub guard: Guard,
-    /// A vehicle that is nearer than this to its place is on time, and at the end arrived. Meters.
+    /// A vehicle that is nearer than this to its start or its goal is there. Meters.
+    pub there: f64,
+    /// A vehicle that is nearer than this to its place on the way is on time. Meters.
     pub on_time: f64,
     /// The clock of all stands while a vehicle is farther than this from its place, and runs the
     /// slower the nearer it comes to that. Meters.
@@ -155,10 +157,10 @@ pub struct FlightOptions {
 }
 
 impl FlightOptions {
-    /// On time within 0.2 m, the clock stands beyond 0.5 m; landing vehicles stray by 0.5 m.
+    /// There within 0.15 m, on time within 0.2 m, the clock stands beyond 0.5 m; landing vehicles stray by 0.5 m.
     pub fn new(rules: Rules, how: Deconfliction) -> Self {
         let guard = Guard { separation: rules.separation, ..Guard::default() };
-        Self { rules, how, guard, on_time: 0.2, lag: 0.5, drift: 0.5 }
+        Self { rules, how, guard, there: 0.15, on_time: 0.2, lag: 0.5, drift: 0.5 }
     }
 }
 
@@ -327,6 +329,11 @@ impl Coordinator {
     /// State of the flight.
     pub fn state(&self) -> FlightState {
         self.state
+    }
+
+    /// How the plan is flown.
+    pub fn options(&self) -> &FlightOptions {
+        &self.options
     }
 
     /// The plan as it is flown now.

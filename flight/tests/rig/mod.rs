@@ -1,5 +1,7 @@
 //! A fleet and simulated drones in simulated time.
 
+#![allow(dead_code)] // no test uses all of it
+
 use std::{net::SocketAddr, time::Duration};
 
 use nalgebra::Point3;
@@ -56,8 +58,14 @@ pub(crate) struct Rig {
 impl Rig {
     /// `count` drones side by side, numbered from 1.
     pub(crate) fn new(count: u8, conditions: &Conditions) -> Self {
-        let drones = (1..=count).map(|id| {
-            let start = Point3::new(0.0, 1.5 * f64::from(id - 1), 0.0);
+        let start = |index: u8| Point3::new(0.0, 1.5 * f64::from(index), 0.0);
+        Self::at((0..count).map(start).collect(), conditions)
+    }
+
+    /// A drone at each of the places, numbered from 1.
+    pub(crate) fn at(starts: Vec<Point3<f64>>, conditions: &Conditions) -> Self {
+        let count = starts.len();
+        let drones = (1..).zip(starts).map(|(id, start)| {
             let signing = conditions.key.map(|key| Signing { key, epoch: epoch() });
             let seed = conditions.seed * 100 + u64::from(id);
             Drone::new(DroneOptions {
@@ -69,7 +77,7 @@ impl Rig {
         });
         let channel = |seed: u64| Channel::new(conditions.faults.clone(), seed);
         let seeds =
-            |offset: u64| (0..u64::from(count)).map(move |i| conditions.seed * 1000 + offset + i);
+            |offset: u64| (0..count as u64).map(move |i| conditions.seed * 1000 + offset + i);
         Self {
             fleet: Fleet::new(FleetOptions {
                 accept_unsigned: conditions.key.is_none(),

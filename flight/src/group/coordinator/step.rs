@@ -175,7 +175,7 @@ impl Coordinator {
         if self.flying().next().is_none() {
             self.enter(FlightState::Aborted, tick);
         } else if self.clock().max(self.plan.duration()) == self.clock()
-            && self.flying().all(|vehicle| self.lag(vehicle, seen) <= self.options.on_time)
+            && self.flying().all(|vehicle| self.lag(vehicle, seen) <= self.options.there)
         {
             self.enter(FlightState::Finished, tick);
         }
