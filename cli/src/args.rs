@@ -6,8 +6,10 @@ use clap::{Args, Parser, Subcommand};
 use uuid::Uuid;
 use volery_scene::KnownDistance;
 
+mod simulate;
 mod values;
 
+pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
 use values::{known_distance, position, positive};
 
@@ -66,6 +68,8 @@ pub(crate) enum Command {
         #[arg(short, long)]
         out: Option<PathBuf>,
     },
+    /// Fly simulated MAVLink drones against a server.
+    Simulate(SimulateArgs),
     /// Check this machine, and a server if one is named.
     Doctor(DoctorArgs),
     /// Scan, map and localize in a synthetic hall, as a service; writes a report with pictures.

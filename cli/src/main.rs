@@ -13,6 +13,7 @@ mod progress;
 mod reconstruct;
 mod remote;
 mod serve;
+mod simulate;
 mod wire;
 mod worker;
 
@@ -35,6 +36,7 @@ fn main() -> ExitCode {
         Command::Export { server, map, name, version, out } => {
             remote::export(&server, map, &name, version, out.as_deref(), json)
         }
+        Command::Simulate(args) => simulate::run(&args),
         Command::Doctor(args) => doctor::run(&args, json),
         Command::Demo(args) => demo::run(&args, json),
         Command::RunJob { folder } => worker::run_job(&folder),

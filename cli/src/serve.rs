@@ -34,7 +34,7 @@ pub(crate) fn runtime() -> Result<tokio::runtime::Runtime, PipelineError> {
 }
 
 /// Ready at the first SIGINT or SIGTERM.
-async fn signalled() {
+pub(crate) async fn signalled() {
     use tokio::signal::unix::{SignalKind, signal};
     let (interrupt, terminate) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
     match (interrupt, terminate) {

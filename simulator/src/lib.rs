@@ -10,23 +10,28 @@
 //! give equal flights.
 
 mod body;
+mod camera;
 mod channel;
 mod drone;
 mod estimator;
 mod event;
+mod fault;
 mod flavor;
 mod link;
 mod options;
 mod parameters;
 mod poses;
+pub mod shell;
 mod space;
 mod world;
 
 pub use body::{Body, Felt, Thrust};
+pub use camera::{CameraFault, Eye, Mount, Scenery, jpeg};
 pub use channel::{Channel, LinkFaults};
 pub use drone::{Drone, TICK};
 pub use estimator::Estimator;
 pub use event::Event;
+pub use fault::{FAULTS, Fault, FaultKind, UnknownFault};
 pub use flavor::{Flavor, Mode};
 pub use link::{Link, Received, Refusal, Signing};
 pub use options::{DroneOptions, InertialFaults};

@@ -70,7 +70,8 @@ impl Drone {
     }
 
     fn lifts_off(&self) -> bool {
-        let is_up = self.goal.position.is_some_and(|p| p.z < -2.0 * IN_AIR);
+        let here = self.estimator.position().z;
+        let is_up = self.goal.position.is_some_and(|p| p.z < here - 2.0 * IN_AIR);
         let is_driven =
             self.goal.velocity.is_some_and(|v| v.z < 0.0) && self.goal.position.is_none();
         self.goal.is_climbing

@@ -46,14 +46,17 @@ pub struct Shot {
 impl DemoHall {
     /// The hall of `seed`: 10 x 8 x 3.8 m, 52 scan images and 8 queries of 640x480 pixels.
     pub fn new(seed: u64) -> Self {
-        let camera =
-            Camera::from_focal(CameraModel::Pinhole, 640, 480, 457.0).expect("constants are valid");
         Self {
             hall: Hall::furnished(Vector3::new(10.0, 8.0, 3.8), TEXEL, seed),
-            renderer: Renderer::new(&camera),
+            renderer: Renderer::new(&Self::default_camera()),
             scan: shots("scan", scan_flight(seed), seed),
             queries: shots("query", query_poses(seed), seed ^ 0x5155_4552),
         }
+    }
+
+    /// The camera before any hall is built.
+    pub fn default_camera() -> Camera {
+        Camera::from_focal(CameraModel::Pinhole, 640, 480, 457.0).expect("constants are valid")
     }
 
     /// The camera.

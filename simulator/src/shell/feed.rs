@@ -1,0 +1,174 @@
+//! Cameras that look while the drones fly.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use nalgebra::Isometry3;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
+
+use super::frames::{StreamTarget, stream_frames};
+use super::mjpeg::serve_mjpeg;
+use super::{Line, SimulationError};
+use crate::camera::jpeg;
+use crate::fault::FaultKind;
+use crate::{CameraFault, Eye, Fault, World};
+
+/// What drones look with and where the pictures go.
+#[derive(Debug, Clone)]
+pub struct Feed {
+    /// The same for all drones.
+    pub eye: Eye,
+    /// Time between two pictures of a drone; a slow machine takes fewer.
+    pub interval: Duration,
+    /// Where they go.
+    pub sink: FrameSink,
+}
+
+/// Where pictures go.
+#[derive(Debug, Clone)]
+pub enum FrameSink {
+    /// Into a localization stream of the server.
+    Stream(StreamTarget),
+    /// To whom asks for them by HTTP, as small cameras serve them: drone by drone on the next port,
+    /// on any free ones for port 0.
+    Mjpeg(SocketAddr),
+}
+
+/// An encoded picture.
+#[derive(Debug, Clone)]
+pub(super) struct Picture {
+    pub(super) jpeg: Arc<Vec<u8>>,
+    /// Nanoseconds since the Unix epoch.
+    pub(super) captured_ns: u64,
+}
+
+pub(super) type Pictures = watch::Receiver<Option<Picture>>;
+
+/// The cameras of a run.
+pub(super) struct Cameras {
+    eye: Arc<Eye>,
+    interval: Duration,
+    views: Vec<View>,
+    addresses: Vec<(u8, SocketAddr)>,
+    tasks: Vec<JoinHandle<()>>,
+    lines: mpsc::UnboundedReceiver<Line>,
+}
+
+struct View {
+    system_id: u8,
+    faults: Vec<Fault>,
+    next: Duration,
+    num_taken: u64,
+    frozen: Option<Isometry3<f64>>,
+    rendering: Option<JoinHandle<()>>,
+    pictures: Arc<watch::Sender<Option<Picture>>>,
+}
+
+impl Cameras {
+    pub(super) async fn start(
+        feed: Feed,
+        world: &World,
+        faults: &[Fault],
+        start: Instant,
+    ) -> Result<Self, SimulationError> {
+        let (mut views, mut addresses, mut tasks) = (Vec::new(), Vec::new(), Vec::new());
+        let (says, lines) = mpsc::unbounded_channel();
+        for (index, drone) in world.drones.iter().enumerate() {
+            let system_id = drone.options().system_id;
+            let (sender, pictures) = watch::channel(None);
+            match &feed.sink {
+                FrameSink::Stream(target) => {
+                    let task =
+                        stream_frames(target.clone(), system_id, pictures, says.clone(), start);
+                    tasks.push(tokio::spawn(task));
+                }
+                FrameSink::Mjpeg(first) => {
+                    let mut address = *first;
+                    if first.port() != 0 {
+                        address.set_port(first.port().saturating_add(index as u16));
+                    }
+                    let (address, task) = serve_mjpeg(address, pictures).await?;
+                    addresses.push((system_id, address));
+                    tasks.push(tokio::spawn(task));
+                }
+            }
+            let own = |f: &&Fault| matches!(f.kind, FaultKind::Camera(_)) && f.is_of(system_id);
+            views.push(View {
+                system_id,
+                faults: faults.iter().filter(own).cloned().collect(),
+                // The drones take turns.
+                next: feed.interval.mul_f64(index as f64 / world.drones.len() as f64),
+                num_taken: 0,
+                frozen: None,
+                rendering: None,
+                pictures: Arc::new(sender),
+            });
+        }
+        let eye = Arc::new(feed.eye);
+        Ok(Self { eye, interval: feed.interval, views, addresses, tasks, lines })
+    }
+
+    /// Where pictures are served.
+    pub(super) fn addresses(&self) -> impl Iterator<Item = Line> {
+        self.addresses.iter().map(|(system_id, address)| Line::Camera {
+            system_id: *system_id,
+            camera_url: format!("http://{address}/stream"),
+        })
+    }
+
+    /// What the server said since the last call.
+    pub(super) fn lines(&mut self) -> Vec<Line> {
+        std::iter::from_fn(|| self.lines.try_recv().ok()).collect()
+    }
+
+    /// Takes the pictures that are due. A camera that is still at work is not disturbed.
+    pub(super) fn look(&mut self, world: &World, now: Duration) {
+        for (view, drone) in self.views.iter_mut().zip(&world.drones) {
+            let is_busy = view.rendering.as_ref().is_some_and(|task| !task.is_finished());
+            if now < view.next || is_busy {
+                continue;
+            }
+            view.next = (view.next + self.interval).max(now);
+            view.num_taken += 1;
+            let fault = view.faults.iter().find_map(|fault| match fault.kind {
+                FaultKind::Camera(kind) if fault.when.contains(&now) => Some(kind),
+                _ => None,
+            });
+            let truth = drone.world_from_body();
+            let seen = match fault {
+                Some(CameraFault::Blackout) => None,
+                Some(CameraFault::Freeze) => Some(*view.frozen.get_or_insert(truth)),
+                None => {
+                    view.frozen = None;
+                    Some(truth)
+                }
+            };
+            view.rendering = Some(take(&self.eye, view, seen));
+        }
+    }
+}
+
+impl Drop for Cameras {
+    fn drop(&mut self) {
+        self.tasks.iter().for_each(JoinHandle::abort);
+    }
+}
+
+/// A thread of its own draws the picture; nothing else waits for it.
+fn take(eye: &Arc<Eye>, view: &View, seen: Option<Isometry3<f64>>) -> JoinHandle<()> {
+    // A frozen picture keeps its noise.
+    let taken = if view.frozen.is_some() { 0 } else { view.num_taken };
+    let seed = u64::from(view.system_id) << 32 | taken;
+    let captured_ns =
+        SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos() as u64;
+    let (eye, pictures) = (Arc::clone(eye), Arc::clone(&view.pictures));
+    tokio::task::spawn_blocking(move || {
+        let photo = seen.map_or_else(|| eye.darkness(), |pose| eye.photo(&pose, seed));
+        // The size was given as a camera's and fits.
+        if let Ok(bytes) = jpeg(photo) {
+            pictures.send_replace(Some(Picture { jpeg: Arc::new(bytes), captured_ns }));
+        }
+    })
+}

@@ -1,0 +1,98 @@
+//! Pictures into a localization stream of the server.
+
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc::UnboundedSender;
+use uuid::Uuid;
+use volery_client::api::ws::{FrameHeader, StreamMode, StreamOpen};
+use volery_client::api::{Camera, LocalizeStatus};
+use volery_client::{Client, ClientError, StreamAnswer};
+
+use super::Line;
+use super::feed::Pictures;
+use super::report::rounded;
+
+/// Wait before a lost stream is opened again.
+const REOPEN: Duration = Duration::from_secs(1);
+
+/// The server and the map that drones are looked for in.
+#[derive(Debug, Clone)]
+pub struct StreamTarget {
+    /// With a token that may localize.
+    pub client: Client,
+    /// Map.
+    pub map_id: Uuid,
+    /// Intrinsics of the cameras.
+    pub camera: Camera,
+}
+
+/// Sends each new picture of a drone; a stream that ends is opened again.
+pub(super) async fn stream_frames(
+    target: StreamTarget,
+    system_id: u8,
+    mut pictures: Pictures,
+    says: UnboundedSender<Line>,
+    start: Instant,
+) {
+    let say = |frame: String| {
+        let t = rounded(start.elapsed().as_secs_f64());
+        // Nobody listens any more when the run has ended.
+        let _ = says.send(Line::Frame { t, system_id, frame });
+    };
+    loop {
+        match pump(&target, &mut pictures, &say).await {
+            Ok(()) => return,
+            Err(error) => say(format!("error: {error}")),
+        }
+        tokio::time::sleep(REOPEN).await;
+    }
+}
+
+/// Until the camera is gone (`Ok`) or the stream.
+async fn pump(
+    target: &StreamTarget,
+    pictures: &mut Pictures,
+    say: &impl Fn(String),
+) -> Result<(), ClientError> {
+    let open = StreamOpen {
+        map_id: target.map_id,
+        version: None,
+        camera: Some(target.camera.clone()),
+        mode: StreamMode::Latest,
+    };
+    let mut stream = target.client.open_stream(open).await?;
+    let mut seq = 0;
+    loop {
+        tokio::select! {
+            answer = stream.next() => say(match answer? {
+                StreamAnswer::Result { answer, .. } => name_of(answer.localization.status).to_owned(),
+                StreamAnswer::Dropped { reason, .. } => format!("dropped: {reason}"),
+            }),
+            changed = pictures.changed() => {
+                if changed.is_err() {
+                    return Ok(());
+                }
+                let Some(picture) = pictures.borrow_and_update().clone() else { continue };
+                let header = FrameHeader {
+                    stream_id: 0,
+                    seq,
+                    t_capture_ns: Some(picture.captured_ns),
+                    encoding: Default::default(),
+                    width: None,
+                    height: None,
+                    prior: None,
+                };
+                stream.send_frame(&header, &picture.jpeg).await?;
+                seq += 1;
+            }
+        }
+    }
+}
+
+fn name_of(status: LocalizeStatus) -> &'static str {
+    match status {
+        LocalizeStatus::Ok => "ok",
+        LocalizeStatus::Ambiguous => "ambiguous",
+        LocalizeStatus::NotFound => "not_found",
+    }
+}
