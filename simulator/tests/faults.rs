@@ -1,0 +1,183 @@
+//! What the fleet does when something fails in flight, over many seeds.
+//!
+//! Each run is another drone with other noise that fails at another moment of a leg. By default a
+//! few seeds; `VOLERY_LONG=1` takes 50.
+
+mod tower;
+
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use tower::*;
+use volery_flight::watchdog::Reason;
+use volery_flight::{Alert, Happening, VehicleId};
+use volery_geometry::Rng;
+use volery_simulator::*;
+
+fn seeds() -> std::ops::Range<u64> {
+    if std::env::var_os("VOLERY_LONG").is_some() { 0..50 } else { 0..6 }
+}
+
+/// A drone on its way along x at a random moment.
+fn in_flight(seed: u64) -> (Tower, Rng) {
+    let mut rng = Rng::fork(seed, 0xfa);
+    let options = drone((seed % 2) as u8, seed, (seed % 3 == 0).then_some(KEY));
+    let mut tower = Tower::new(vec![options], &LinkFaults::default(), &PoseOptions::default());
+    tower.take_off(1.2);
+    let id = VehicleId(tower.drone().options().system_id);
+    let target = Vector3::new(6.0, tower.drone().body().position.y, 1.5);
+    tower.fleet.command(id, &go(target, 0.0), tower.now).unwrap();
+    tower.run(rng.range(1.0, 4.5));
+    (tower, rng)
+}
+
+fn first(tower: &Tower, mut is: impl FnMut(&Alert) -> bool) -> Option<Duration> {
+    tower.happened.iter().find_map(|(time, _, happening)| match happening {
+        Happening::Alert(alert) if is(alert) => Some(*time),
+        _ => None,
+    })
+}
+
+/// Seconds from `then` to the first hold and the first landing for a reason.
+fn reaction(tower: &Tower, then: Duration, reason: Reason) -> [Option<f64>; 2] {
+    let since = |time: Duration| time.as_secs_f64() - then.as_secs_f64();
+    [
+        first(tower, |alert| *alert == Alert::Holds(reason)).map(since),
+        first(tower, |alert| *alert == Alert::Lands(reason)).map(since),
+    ]
+}
+
+fn lands_softly(tower: &mut Tower) {
+    assert!(tower.run_until(30.0, |t| !t.drone().is_armed()), "{:?}", tower.events);
+    assert!(!tower.drone().has_crashed() && tower.world.num_contacts() == 0, "{:?}", tower.events);
+}
+
+/// What takes away all usable poses: a hold within 0.6 s of the last good frame, then a landing
+/// within 2 s, no false pose passed on.
+fn poses_fail(make: impl Fn(&mut Rng) -> PoseFault) {
+    for seed in seeds() {
+        let (mut tower, mut rng) = in_flight(seed);
+        let (then, fault) = (tower.now, make(&mut rng));
+        tower.eyes[0].source.fail(then..Duration::MAX, fault);
+        tower.run(2.5);
+        let [hold, land] = reaction(&tower, then, Reason::PoseStale);
+        // The last good frame may be one interval older than the fault.
+        assert!(hold.is_some_and(|t| t < 0.6), "seed {seed} {fault:?}: {hold:?}");
+        assert!(land.is_some_and(|t| t < 2.0), "seed {seed} {fault:?}: {land:?}");
+        assert_eq!(tower.eyes[0].num_false, 0, "seed {seed} {fault:?}");
+        lands_softly(&mut tower);
+    }
+}
+
+#[test]
+fn poses_stop() {
+    poses_fail(|_| PoseFault::Stop);
+}
+
+#[test]
+fn the_place_is_mistaken_for_another() {
+    poses_fail(|rng| {
+        let distance = rng.range(0.7, 20.0);
+        let around = rng.range(0.0, std::f64::consts::TAU);
+        PoseFault::Jump(Vector3::new(around.cos(), around.sin(), 0.0) * distance)
+    });
+}
+
+#[test]
+fn the_yaw_flips() {
+    poses_fail(|_| PoseFault::Turn(std::f64::consts::PI));
+}
+
+/// Single false poses, one in twenty, off by 0.2 m to 20 m: the drone flies on, and at most one
+/// pose of a thousand that it gets is false.
+#[test]
+fn single_false_poses_do_not_pass() {
+    let (mut sent, mut wrong) = (0, 0);
+    for seed in seeds() {
+        let (mut tower, mut rng) = in_flight(seed);
+        for frame in 0..200 {
+            if !rng.chance(0.05) {
+                continue;
+            }
+            let distance = 0.2 * 100f64.powf(rng.uniform());
+            let step = rng.normal3().normalize() * distance;
+            let from = tower.now + 50 * MS * frame;
+            tower.eyes[0].source.fail(from..from + 50 * MS, PoseFault::Jump(step));
+        }
+        tower.run(10.0);
+        sent += tower.eyes[0].num_sent;
+        wrong += tower.eyes[0].num_false;
+        assert!(tower.drone().is_flying() && tower.drone().failsafe().is_none(), "seed {seed}");
+        let place = tower.drone().body().position;
+        assert!((place.x - 6.0).abs() < 0.2, "seed {seed}: {place}");
+    }
+    println!("{wrong} of {sent} poses were false");
+    assert!(f64::from(wrong) <= 0.001 * f64::from(sent), "{wrong} of {sent}");
+}
+
+/// The same picture again and again while the drone moves.
+#[test]
+fn the_camera_freezes() {
+    for seed in seeds() {
+        let (mut tower, _) = in_flight(seed);
+        let then = tower.now;
+        tower.eyes[0].source.fail(then..Duration::MAX, PoseFault::Freeze);
+        tower.run(4.0);
+        let [hold, land] = reaction(&tower, then, Reason::PoseStale);
+        println!("seed {seed}: hold {hold:?} land {land:?} false {}", tower.eyes[0].num_false);
+        assert!(hold.is_some_and(|t| t < 1.2), "seed {seed}: {hold:?}");
+        assert!(land.is_some_and(|t| t < 2.5), "seed {seed}: {land:?}");
+        lands_softly(&mut tower);
+    }
+}
+
+/// Both ways of the link are cut: the fleet sees it, the drone lands by itself.
+#[test]
+fn the_link_is_lost() {
+    for seed in seeds() {
+        let (mut tower, _) = in_flight(seed);
+        let then = tower.now;
+        tower.up[0].cut(then..Duration::MAX);
+        tower.down[0].cut(then..Duration::MAX);
+        tower.run(6.0);
+        let [hold, land] = reaction(&tower, then, Reason::LinkLost);
+        assert!(
+            hold.is_some_and(|t| t < 1.3) && land.is_some_and(|t| t < 5.3),
+            "{hold:?} {land:?}"
+        );
+        assert_eq!(tower.drone().mode(), Mode::Land, "seed {seed}");
+        lands_softly(&mut tower);
+    }
+}
+
+#[test]
+fn the_client_goes_away() {
+    for seed in seeds() {
+        let (mut tower, _) = in_flight(seed);
+        let then = tower.now;
+        let id = VehicleId(tower.drone().options().system_id);
+        tower.fleet.lease(id, Some(then));
+        tower.run(3.0);
+        let [hold, _] = reaction(&tower, then, Reason::LeaseOver);
+        assert!(hold.is_some_and(|t| t < 0.1), "seed {seed}: {hold:?}");
+        assert!(tower.drone().body().velocity.norm() < 0.15 && tower.drone().is_flying());
+        tower.run(28.0);
+        let [_, land] = reaction(&tower, then, Reason::LeaseOver);
+        assert!(land.is_some_and(|t| (29.9..30.2).contains(&t)), "seed {seed}: {land:?}");
+        lands_softly(&mut tower);
+    }
+}
+
+#[test]
+fn the_battery_is_low() {
+    for seed in seeds() {
+        let (mut tower, _) = in_flight(seed);
+        let then = tower.now;
+        tower.world.drones[0].set_battery(18.0);
+        tower.run(3.0);
+        let [_, land] = reaction(&tower, then, Reason::BatteryLow);
+        // Its battery is told every two seconds at most.
+        assert!(land.is_some_and(|t| t < 2.3), "seed {seed}: {land:?}");
+        lands_softly(&mut tower);
+    }
+}
