@@ -82,6 +82,9 @@ pub enum PoseRefusal {
     /// Not later than the pose before, or too soon after it.
     #[error("the pose is not newer than the one before")]
     NotNewer,
+    /// To the last digit the one before: the camera shows the same picture again.
+    #[error("the camera shows the same picture again")]
+    Frozen,
     /// No vehicle in flight is tilted like this.
     #[error("the pose is tilted by {0:.2} rad")]
     Tilted(f64),
@@ -241,6 +244,9 @@ impl PoseGate {
         };
         if fix.captured < before.fix.captured + MIN_INTERVAL {
             return Err(PoseRefusal::NotNewer);
+        }
+        if telemetry.is_flying() && fix.map_from_body == before.fix.map_from_body {
+            return Err(PoseRefusal::Frozen);
         }
         let refusal = match anchor.check_motion(before).and(anchor.check_estimate(telemetry)) {
             Ok(()) => {

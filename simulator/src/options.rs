@@ -68,7 +68,7 @@ impl DroneOptions {
             parameters: Vec::new(),
             signing: None,
             inertial: InertialFaults::default(),
-            gust: 0.15,
+            gust: 0.1,
             battery: 100.0,
             endurance: Duration::from_secs(600),
             seed: u64::from(system_id),

@@ -11,7 +11,7 @@ use crate::body::{Thrust, limited, wrap};
 /// Velocity per meter of distance, 1/s.
 const POSITION_GAIN: f64 = 1.0;
 /// Acceleration per velocity error, 1/s.
-const VELOCITY_GAIN: f64 = 2.5;
+const VELOCITY_GAIN: f64 = 3.5;
 /// Largest acceleration along the floor and upright, m/s².
 const MAX_ACCELERATION: [f64; 2] = [2.5, 2.0];
 /// Deceleration that a stop is planned with, m/s².

@@ -1,7 +1,6 @@
 //! What the fleet does when something fails in flight, over many seeds.
 //!
-//! Each run is another drone with other noise that fails at another moment of a leg. By default a
-//! few seeds; `VOLERY_LONG=1` takes 50.
+//! Each run is another drone with other noise that fails at another moment of a leg.
 
 mod tower;
 
@@ -14,9 +13,8 @@ use volery_flight::{Alert, Happening, VehicleId};
 use volery_geometry::Rng;
 use volery_simulator::*;
 
-fn seeds() -> std::ops::Range<u64> {
-    if std::env::var_os("VOLERY_LONG").is_some() { 0..50 } else { 0..6 }
-}
+/// Runs per fault.
+const SEEDS: std::ops::Range<u64> = 0..50;
 
 /// A drone on its way along x at a random moment.
 fn in_flight(seed: u64) -> (Tower, Rng) {
@@ -55,7 +53,7 @@ fn lands_softly(tower: &mut Tower) {
 /// What takes away all usable poses: a hold within 0.6 s of the last good frame, then a landing
 /// within 2 s, no false pose passed on.
 fn poses_fail(make: impl Fn(&mut Rng) -> PoseFault) {
-    for seed in seeds() {
+    for seed in SEEDS {
         let (mut tower, mut rng) = in_flight(seed);
         let (then, fault) = (tower.now, make(&mut rng));
         tower.eyes[0].source.fail(then..Duration::MAX, fault);
@@ -93,7 +91,7 @@ fn the_yaw_flips() {
 #[test]
 fn single_false_poses_do_not_pass() {
     let (mut sent, mut wrong) = (0, 0);
-    for seed in seeds() {
+    for seed in SEEDS {
         let (mut tower, mut rng) = in_flight(seed);
         for frame in 0..200 {
             if !rng.chance(0.05) {
@@ -115,36 +113,25 @@ fn single_false_poses_do_not_pass() {
     assert!(f64::from(wrong) <= 0.001 * f64::from(sent), "{wrong} of {sent}");
 }
 
-/// The same picture again and again while the drone moves.
 #[test]
 fn the_camera_freezes() {
-    for seed in seeds() {
-        let (mut tower, _) = in_flight(seed);
-        let then = tower.now;
-        tower.eyes[0].source.fail(then..Duration::MAX, PoseFault::Freeze);
-        tower.run(4.0);
-        let [hold, land] = reaction(&tower, then, Reason::PoseStale);
-        println!("seed {seed}: hold {hold:?} land {land:?} false {}", tower.eyes[0].num_false);
-        assert!(hold.is_some_and(|t| t < 1.2), "seed {seed}: {hold:?}");
-        assert!(land.is_some_and(|t| t < 2.5), "seed {seed}: {land:?}");
-        lands_softly(&mut tower);
-    }
+    poses_fail(|_| PoseFault::Freeze);
 }
 
 /// Both ways of the link are cut: the fleet sees it, the drone lands by itself.
 #[test]
 fn the_link_is_lost() {
-    for seed in seeds() {
+    for seed in SEEDS {
         let (mut tower, _) = in_flight(seed);
         let then = tower.now;
         tower.up[0].cut(then..Duration::MAX);
         tower.down[0].cut(then..Duration::MAX);
         tower.run(6.0);
+        // Poses cannot be sent any more either: which of the two lands it does not matter.
         let [hold, land] = reaction(&tower, then, Reason::LinkLost);
-        assert!(
-            hold.is_some_and(|t| t < 1.3) && land.is_some_and(|t| t < 5.3),
-            "{hold:?} {land:?}"
-        );
+        let land = land.or(reaction(&tower, then, Reason::PoseStale)[1]);
+        assert!(hold.is_some_and(|t| t < 1.3), "seed {seed}: {hold:?}");
+        assert!(land.is_some_and(|t| t < 5.3), "seed {seed}: {:?}", tower.happened);
         assert_eq!(tower.drone().mode(), Mode::Land, "seed {seed}");
         lands_softly(&mut tower);
     }
@@ -152,7 +139,7 @@ fn the_link_is_lost() {
 
 #[test]
 fn the_client_goes_away() {
-    for seed in seeds() {
+    for seed in SEEDS {
         let (mut tower, _) = in_flight(seed);
         let then = tower.now;
         let id = VehicleId(tower.drone().options().system_id);
@@ -170,7 +157,7 @@ fn the_client_goes_away() {
 
 #[test]
 fn the_battery_is_low() {
-    for seed in seeds() {
+    for seed in SEEDS {
         let (mut tower, _) = in_flight(seed);
         let then = tower.now;
         tower.world.drones[0].set_battery(18.0);
