@@ -10,7 +10,6 @@ mod simulate;
 mod values;
 
 pub(crate) use simulate::{RoomArg, SimulateArgs};
-pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
 use values::{known_distance, position, positive};
 

@@ -19,7 +19,7 @@ const SEEDS: std::ops::Range<u64> = 0..50;
 /// A drone on its way along x at a random moment.
 fn in_flight(seed: u64) -> (Tower, Rng) {
     let mut rng = Rng::fork(seed, 0xfa);
-    let options = drone((seed % 2) as u8, seed, (seed % 3 == 0).then_some(KEY));
+    let options = drone((seed % 2) as u8, seed, seed.is_multiple_of(3).then_some(KEY));
     let mut tower = Tower::new(vec![options], &LinkFaults::default(), &PoseOptions::default());
     tower.take_off(1.2);
     let id = VehicleId(tower.drone().options().system_id);
