@@ -7,11 +7,11 @@ use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
     CreateJob, Job, JobEvent, JobKind, JobState, KnownDistance, LocalizePrior, PositionPrior,
-    RegisterMaps, UploadStatus,
+    RegisterMaps, UploadStatus, YawPrior,
 };
 use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
 use volery_formats::NamedPose;
-use volery_pipeline::PipelineError;
+use volery_pipeline::{NorthInMap, PipelineError};
 
 use crate::{
     args::{JobsCommand, LocalizeArgs, MapsCommand, ServerArgs, UploadArgs},
@@ -277,20 +277,32 @@ pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool)
     let files = input::photos(&args.paths)?;
     let camera = args.camera.as_deref().map(input::camera).transpose()?;
     let camera = camera.as_ref().map(wire_camera);
+    let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
     let server = ServerArgs { server: server.to_owned(), token: args.token.clone() };
     with_server(&server, async |client| {
-        let info = client.map(map).await.map_err(failed)?.active.info;
+        let info = match args.version {
+            Some(number) => {
+                let versions = client.map_versions(map).await.map_err(failed)?;
+                let known = versions.into_iter().find(|version| version.version == number);
+                // The server says so once it is asked about a photo.
+                known.map_or(serde_json::Value::Null, |version| version.info)
+            }
+            None => client.map(map).await.map_err(failed)?.active.info,
+        };
+        let north: Option<NorthInMap> = serde_json::from_value(info["north"].clone()).ok();
+        let position = args.near.map(|position| PositionPrior { position, sigma: args.near_sigma });
         let (mut answers, mut poses) = (Vec::new(), Vec::new());
         for file in &files {
             let image = input::read(&file.path)?;
             let camera = camera.clone();
+            let attitude = telemetry.as_ref().and_then(|rows| rows.get(&file.name)?.attitude);
+            let yaw = north.zip(attitude).map(|(north, attitude)| north.yaw_of(&attitude));
+            let yaw = yaw.map(|(yaw, sigma)| YawPrior { yaw, sigma });
             let query = LocalizeQuery {
                 image,
                 camera,
-                prior: args.near.map(|position| LocalizePrior {
-                    position: Some(PositionPrior { position, sigma: args.near_sigma }),
-                    ..LocalizePrior::default()
-                }),
+                prior: (position.is_some() || yaw.is_some())
+                    .then_some(LocalizePrior { position, yaw }),
                 version: args.version,
                 method: Some(args.method.into()),
             };

@@ -1,7 +1,7 @@
 //! The last stage: a dense cloud to a colored mesh.
 
 use nalgebra::Point3;
-use volery_formats::{read_ply_of_mesh, write_glb_of_textured_mesh, write_ply_of_mesh};
+use volery_formats::{GlbMap, read_ply_of_mesh, write_glb_of_textured_mesh, write_ply_of_mesh};
 use volery_meshing::{
     MeshingError, PoissonOptions, SightVotes, TrimOptions, color_vertices, decimate,
     reconstruct_surface, statistical_inliers, texture_mesh, trim,
@@ -72,6 +72,7 @@ pub(crate) fn mesh(
 pub(crate) fn textured_glb(
     made: &Mesh,
     map: &EnvironmentMap,
+    map_id: &str,
     photos: &dyn Photos,
     options: &MeshOptions,
     cache: &Cache,
@@ -79,7 +80,7 @@ pub(crate) fn textured_glb(
 ) -> Result<Vec<u8>, PipelineError> {
     let key = KeyMaker::new("texture")
         .with(made.key.as_bytes())
-        .with_debug(&(options.texture, JPEG_QUALITY, map.scale.metric))
+        .with_debug(&(options.texture, JPEG_QUALITY, map.scale.metric, map_id, map.origin))
         .key();
     if let Some(glb) = cache.get(&key) {
         return Ok(glb);
@@ -89,7 +90,7 @@ pub(crate) fn textured_glb(
         MeshingError::Cancelled(cancelled) => cancelled.into(),
         _ => PipelineError::plain(code::TEXTURE_FAILED, error.to_string()),
     })?;
-    let glb = write_glb_of_textured_mesh(&textured, map.scale.metric, JPEG_QUALITY)
+    let glb = write_glb_of_textured_mesh(&textured, &GlbMap::of(map, map_id), JPEG_QUALITY)
         .map_err(|e| PipelineError::plain(code::TEXTURE_FAILED, e.to_string()))?;
     cache.put(&key, &glb)?;
     Ok(glb)

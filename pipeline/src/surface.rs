@@ -104,7 +104,7 @@ fn add_mesh(
     info.num_triangles = Some(made.mesh.triangles.len());
     write_info(info, out_dir)?;
     let mut summary = MeshSummary::of(&made.mesh);
-    match textured_glb(&made, map, photos, &options.mesh, &cache, progress) {
+    match textured_glb(&made, map, &info.content_id(), photos, &options.mesh, &cache, progress) {
         Ok(glb) => write_atomic(&out_dir.join(file::GLB), &glb)?,
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => summary.error = Some(error),

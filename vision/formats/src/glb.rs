@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 use volery_geometry::Camera;
-use volery_scene::{EnvironmentMap, RegisteredImage};
+use volery_scene::{EnvironmentMap, OriginRule, RegisteredImage};
 
 mod mesh;
 mod moved;
@@ -39,9 +39,41 @@ mod gltf {
     pub(super) const MAGIC: u32 = 0x4654_6c67;
 }
 
+/// What a GLB says of its map in `asset.extras`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GlbMap<'a> {
+    /// `map_id`, if the surface is that of a map.
+    pub id: Option<&'a str>,
+    /// `unit`: `meter`, or `unknown` without metric scale.
+    pub is_metric: bool,
+    /// `origin`: the rule of it, if there is one.
+    pub origin: Option<OriginRule>,
+}
+
+impl<'a> GlbMap<'a> {
+    /// Of a map.
+    pub fn of(map: &EnvironmentMap, id: &'a str) -> Self {
+        Self { id: Some(id), is_metric: map.scale.metric, origin: Some(map.origin) }
+    }
+
+    /// `asset`, which carries `frame` too.
+    fn asset(&self) -> Value {
+        let mut extras = json!({
+            "unit": if self.is_metric { "meter" } else { "unknown" },
+            "frame": "vertices: x forward, y left, z up",
+        });
+        if let Some(id) = self.id {
+            extras["map_id"] = json!(id);
+        }
+        if let Some(origin) = self.origin {
+            extras["origin"] = json!(origin);
+        }
+        json!({ "version": "2.0", "generator": "Volery", "extras": extras })
+    }
+}
+
 /// Writes the points and the camera frusta of a map as a GLB. Vertices are in map coordinates; the
-/// root node turns them to glTF's axes. `asset.extras` carries `map_id`, `unit` (`meter`, or
-/// `unknown` without metric scale) and `frame`.
+/// root node turns them to glTF's axes. `asset.extras` is as [`GlbMap`] says.
 pub fn write_glb(map: &EnvironmentMap, map_id: &str) -> Vec<u8> {
     let points: Vec<Point3<f64>> = map.model.points.values().map(|p| p.position).collect();
     let colors: Vec<[u8; 3]> = map.model.points.values().map(|p| p.color).collect();
@@ -78,15 +110,7 @@ pub fn write_glb(map: &EnvironmentMap, map_id: &str) -> Vec<u8> {
         nodes.push(json!({ "name": name, "mesh": mesh }));
     }
     let mut document = json!({
-        "asset": {
-            "version": "2.0",
-            "generator": "Volery",
-            "extras": {
-                "map_id": map_id,
-                "unit": if map.scale.metric { "meter" } else { "unknown" },
-                "frame": "vertices: x forward, y left, z up",
-            },
-        },
+        "asset": GlbMap::of(map, map_id).asset(),
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": nodes,
@@ -264,6 +288,8 @@ mod tests {
 
     use super::*;
 
+    pub(super) const METRIC: GlbMap<'_> = GlbMap { id: None, is_metric: true, origin: None };
+
     fn map(model: SparseModel) -> EnvironmentMap {
         EnvironmentMap {
             model,
@@ -303,6 +329,7 @@ mod tests {
         let document = document(&glb);
         assert_eq!(document["asset"]["extras"]["map_id"], "m-1");
         assert_eq!(document["asset"]["extras"]["unit"], "meter");
+        assert!(document["asset"]["extras"]["origin"].is_string());
         assert_eq!(document["accessors"][0]["count"], model.points.len());
         assert_eq!(document["accessors"][2]["count"], 16 * model.images.len());
         let binary = &glb[20 + json_length + 8..];

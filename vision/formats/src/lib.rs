@@ -31,7 +31,7 @@ pub use features_file::{
     write_two_view_geometries,
 };
 pub use glb::{
-    ForeignGlb, move_glb, read_glb_of_textured_mesh, write_glb, write_glb_of_mesh,
+    ForeignGlb, GlbMap, move_glb, read_glb_of_textured_mesh, write_glb, write_glb_of_mesh,
     write_glb_of_textured_mesh,
 };
 pub use jpeg::{WriteJpegError, write_jpeg};

@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use volery_formats::colmap::read_colmap_text;
 use volery_formats::{
-    ColmapFiles, DecodeLimits, decode_image, read_ply, write_glb_of_mesh,
+    ColmapFiles, DecodeLimits, GlbMap, decode_image, read_ply, write_glb_of_mesh,
     write_glb_of_textured_mesh, write_ply_of_mesh,
 };
 use volery_geometry::{Camera, CameraModel};
@@ -32,6 +32,8 @@ use volery_scene::{
 };
 
 const JPEG_QUALITY: u8 = 85;
+/// What the files say of the scene.
+const METRIC: GlbMap<'_> = GlbMap { id: None, is_metric: true, origin: None };
 
 type Error = Box<dyn std::error::Error>;
 
@@ -195,11 +197,11 @@ fn main() -> Result<(), Error> {
             "texture of {} x {}, {} triangles seen",
             texture.width, texture.height, textured.num_textured
         );
-        std::fs::write(output, write_glb_of_textured_mesh(&textured, true, JPEG_QUALITY)?)?;
+        std::fs::write(output, write_glb_of_textured_mesh(&textured, &METRIC, JPEG_QUALITY)?)?;
         return Ok(());
     }
     let is_glb = output.extension().is_some_and(|extension| extension == "glb");
-    let bytes = if is_glb { write_glb_of_mesh(&mesh, true) } else { write_ply_of_mesh(&mesh) };
+    let bytes = if is_glb { write_glb_of_mesh(&mesh, &METRIC) } else { write_ply_of_mesh(&mesh) };
     std::fs::write(output, bytes)?;
     Ok(())
 }

@@ -3,19 +3,12 @@
 use serde_json::{Value, json};
 use volery_scene::TriangleMesh;
 
-use super::{Buffer, GLTF_FROM_MAP, container};
+use super::{Buffer, GLTF_FROM_MAP, GlbMap, container};
 
 /// A document whose only node turns map coordinates to glTF's axes.
-pub(super) fn surface_document(is_metric: bool) -> Value {
+pub(super) fn surface_document(map: &GlbMap<'_>) -> Value {
     json!({
-        "asset": {
-            "version": "2.0",
-            "generator": "Volery",
-            "extras": {
-                "unit": if is_metric { "meter" } else { "unknown" },
-                "frame": "vertices: x forward, y left, z up",
-            },
-        },
+        "asset": map.asset(),
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "name": "map", "rotation": GLTF_FROM_MAP }],
@@ -23,11 +16,11 @@ pub(super) fn surface_document(is_metric: bool) -> Value {
 }
 
 /// Writes a mesh in map coordinates as a GLB; the root node turns it to glTF's axes. Colors are
-/// those of the vertices. `asset.extras` carries `unit` and `frame` as for a map.
+/// those of the vertices. `asset.extras` is as [`GlbMap`] says.
 ///
 /// Both sides of the triangles are drawn: rooms are seen from inside.
-pub fn write_glb_of_mesh(mesh: &TriangleMesh, is_metric: bool) -> Vec<u8> {
-    let mut document = surface_document(is_metric);
+pub fn write_glb_of_mesh(mesh: &TriangleMesh, map: &GlbMap<'_>) -> Vec<u8> {
+    let mut document = surface_document(map);
     let mut buffer = Buffer::default();
     if !mesh.triangles.is_empty() {
         let mut attributes = json!({ "POSITION": buffer.positions(&mesh.vertices) });
@@ -74,6 +67,7 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
+    use crate::glb::tests::METRIC;
 
     fn document(glb: &[u8]) -> Value {
         let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
@@ -89,7 +83,7 @@ mod tests {
             triangles: vec![[0, 1, 2]],
             colors: vec![[0; 3], [255; 3], [188; 3]],
         };
-        let bytes = write_glb_of_mesh(&mesh, true);
+        let bytes = write_glb_of_mesh(&mesh, &METRIC);
         let document = document(&bytes);
         let accessors = document["accessors"].as_array().unwrap();
         assert_eq!(accessors[0]["min"], json!([0.0, 0.0, -2.0]));
@@ -100,7 +94,8 @@ mod tests {
             let end = view["byteOffset"].as_u64().unwrap() + view["byteLength"].as_u64().unwrap();
             assert!(end <= document["buffers"][0]["byteLength"].as_u64().unwrap());
         }
-        let empty = write_glb_of_mesh(&TriangleMesh::default(), false);
+        let unknown = GlbMap { is_metric: false, ..METRIC };
+        let empty = write_glb_of_mesh(&TriangleMesh::default(), &unknown);
         assert_eq!(u32::from_le_bytes(empty[8..12].try_into().unwrap()) as usize, empty.len());
     }
 

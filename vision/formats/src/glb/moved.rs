@@ -43,6 +43,8 @@ pub(super) fn parts(bytes: &[u8]) -> Option<(Value, Vec<u8>)> {
     let Some(buffer) = document.get("buffers").and_then(|buffers| buffers.get(0)) else {
         return Some((document, Vec::new()));
     };
+    // Nothing outside of the file is ever looked at.
+    buffer.get("uri").is_none().then_some(())?;
     let length = usize::try_from(buffer.get("byteLength")?.as_u64()?).ok()?;
     let start = json_end.checked_add(CHUNK_HEADER)?;
     let binary = bytes.get(start..start.checked_add(length)?)?.to_vec();
@@ -68,11 +70,13 @@ fn move_positions(
     let start = usize::try_from(view["byteOffset"].as_u64()?).ok()?;
     let count = usize::try_from(described["count"].as_u64()?).ok()?;
     let length = is_ours.then_some(count)?.checked_mul(12)?;
+    (length as u64 <= view["byteLength"].as_u64()?).then_some(())?;
     let positions = binary.get_mut(start..start.checked_add(length)?)?;
     let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for bytes in positions.as_chunks_mut::<12>().0 {
         let values = [0, 4, 8].map(|at| [0, 1, 2, 3].map(|i| bytes[at + i]));
         let moved = new_from_map * Point3::from(values.map(|v| f64::from(f32::from_le_bytes(v))));
+        moved.iter().all(|v| v.is_finite()).then_some(())?;
         for (axis, value) in moved.iter().map(|&v| v as f32).enumerate() {
             bounds[0][axis] = bounds[0][axis].min(value);
             bounds[1][axis] = bounds[1][axis].max(value);
@@ -91,7 +95,7 @@ mod tests {
     use volery_scene::TriangleMesh;
 
     use super::*;
-    use crate::write_glb_of_mesh;
+    use crate::{glb::tests::METRIC, write_glb_of_mesh};
 
     fn mesh(moved: Option<&Similarity3<f64>>) -> TriangleMesh {
         let vertices = [[0.0, 0.5, 1.0], [1.0, 0.0, -2.0], [0.25, 3.0, 4.0]].map(Point3::from);
@@ -107,20 +111,20 @@ mod tests {
     fn a_moved_file_is_the_file_of_the_moved_mesh() {
         let quarter = Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2);
         let moved = Similarity3::new(Vector3::new(1.0, -2.0, 0.5), quarter, 2.0);
-        let file = write_glb_of_mesh(&mesh(None), true);
-        let expected = write_glb_of_mesh(&mesh(Some(&moved)), true);
+        let file = write_glb_of_mesh(&mesh(None), &METRIC);
+        let expected = write_glb_of_mesh(&mesh(Some(&moved)), &METRIC);
         assert_eq!(move_glb(&file, &moved), Ok(expected));
     }
 
     #[test]
     fn other_files_are_refused() {
-        let file = write_glb_of_mesh(&mesh(None), true);
+        let file = write_glb_of_mesh(&mesh(None), &METRIC);
         let same = Similarity3::identity();
         for end in 0..file.len() {
             assert_eq!(move_glb(&file[..end], &same), Err(ForeignGlb), "cut at {end}");
         }
         assert_eq!(move_glb(b"glTF", &same), Err(ForeignGlb));
-        let empty = write_glb_of_mesh(&TriangleMesh::default(), true);
+        let empty = write_glb_of_mesh(&TriangleMesh::default(), &METRIC);
         assert_eq!(move_glb(&empty, &same), Ok(empty));
     }
 }

@@ -44,6 +44,7 @@ fn read(bytes: &[u8]) -> Option<TexturedMesh> {
         let uvs = &attributes["TEXCOORD_0"];
         let is_textured = !uvs.is_null();
         let uvs = if is_textured { file.floats::<2>(uvs)? } else { vec![[0.0; 2]; num] };
+        uvs.as_flattened().iter().all(|v| v.is_finite()).then_some(())?;
         all.uvs.extend(uvs);
         let colors = &attributes["COLOR_0"];
         let colors = if colors.is_null() { vec![PLAIN; num] } else { file.colors(colors)? };
@@ -104,7 +105,7 @@ mod tests {
     use volery_scene::TriangleMesh;
 
     use super::*;
-    use crate::write_glb_of_textured_mesh;
+    use crate::{glb::tests::METRIC, write_glb_of_textured_mesh};
 
     fn textured() -> TexturedMesh {
         let corner = |i: u32| Point3::new(f64::from(i), f64::from(i * i), 0.5);
@@ -131,7 +132,7 @@ mod tests {
     #[test]
     fn textured_meshes_come_back() {
         let written = textured();
-        let glb = write_glb_of_textured_mesh(&written, true, 95).unwrap();
+        let glb = write_glb_of_textured_mesh(&written, &METRIC, 95).unwrap();
         let read = read_glb_of_textured_mesh(&glb).unwrap();
         assert_eq!(read.mesh.vertices, written.mesh.vertices);
         assert_eq!(read.mesh.triangles, written.mesh.triangles);
@@ -144,13 +145,13 @@ mod tests {
 
     #[test]
     fn damaged_and_foreign_files_are_refused() {
-        let glb = write_glb_of_textured_mesh(&textured(), true, 95).unwrap();
+        let glb = write_glb_of_textured_mesh(&textured(), &METRIC, 95).unwrap();
         for end in (0..glb.len()).step_by(7) {
             assert_eq!(read_glb_of_textured_mesh(&glb[..end]), Err(ForeignGlb), "cut at {end}");
         }
         let mut unseen = textured();
         unseen.num_textured = 0;
-        let bare = write_glb_of_textured_mesh(&unseen, true, 95).unwrap();
+        let bare = write_glb_of_textured_mesh(&unseen, &METRIC, 95).unwrap();
         assert_eq!(read_glb_of_textured_mesh(&bare), Err(ForeignGlb));
     }
 }

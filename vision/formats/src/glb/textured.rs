@@ -4,12 +4,11 @@ use serde_json::{Value, json};
 use volery_scene::TexturedMesh;
 
 use super::mesh::{linear_from_srgb, surface_document};
-use super::{Buffer, container, gltf};
+use super::{Buffer, GlbMap, container, gltf};
 use crate::{WriteJpegError, write_jpeg};
 
 /// Writes a textured mesh in map coordinates as a GLB with the texture as JPEG of a quality from 1
-/// to 100; the root node turns it to glTF's axes. `asset.extras` carries `unit` and `frame` as for
-/// a map.
+/// to 100; the root node turns it to glTF's axes. `asset.extras` is as [`GlbMap`] says.
 ///
 /// The materials are unlit: the light of the room is in the photos. What no photo shows is a
 /// primitive of its own whose material is named `unseen`; it has the colors of the vertices.
@@ -19,12 +18,12 @@ use crate::{WriteJpegError, write_jpeg};
 /// [`WriteJpegError`] if the texture has no pixels or too many.
 pub fn write_glb_of_textured_mesh(
     textured: &TexturedMesh,
-    is_metric: bool,
+    map: &GlbMap<'_>,
     quality: u8,
 ) -> Result<Vec<u8>, WriteJpegError> {
     let mesh = &textured.mesh;
     let (seen, unseen) = mesh.triangles.split_at(textured.num_textured);
-    let mut document = surface_document(is_metric);
+    let mut document = surface_document(map);
     if mesh.triangles.is_empty() {
         return Ok(container(&document, Vec::new()));
     }
@@ -97,7 +96,7 @@ mod tests {
     use volery_scene::{Texture, TriangleMesh};
 
     use super::*;
-    use crate::{DecodeLimits, decode_image};
+    use crate::{DecodeLimits, decode_image, glb::tests::METRIC};
 
     fn textured() -> TexturedMesh {
         let corner = |i: u32| Point3::new(f64::from(i), f64::from(i * i), 1.0);
@@ -121,7 +120,7 @@ mod tests {
 
     #[test]
     fn seen_and_unseen_have_their_own_primitives() {
-        let glb = write_glb_of_textured_mesh(&textured(), true, 90).unwrap();
+        let glb = write_glb_of_textured_mesh(&textured(), &METRIC, 90).unwrap();
         let (document, binary) = document(&glb);
         let [seen, unseen] = [0, 1].map(|i| &document["meshes"][0]["primitives"][i]);
         let accessor = |index: &Value| &document["accessors"][index.as_u64().unwrap() as usize];
@@ -147,16 +146,16 @@ mod tests {
 
     #[test]
     fn little_is_valid_too() {
-        let empty = write_glb_of_textured_mesh(&TexturedMesh::default(), true, 90).unwrap();
+        let empty = write_glb_of_textured_mesh(&TexturedMesh::default(), &METRIC, 90).unwrap();
         assert!(document(&empty).0.get("meshes").is_none());
         let mut unseen = textured();
         unseen.num_textured = 0;
-        let glb = write_glb_of_textured_mesh(&unseen, true, 90).unwrap();
+        let glb = write_glb_of_textured_mesh(&unseen, &METRIC, 90).unwrap();
         let (document, _) = document(&glb);
         assert!(document.get("images").is_none());
         assert_eq!(document["materials"][0]["name"], "unseen");
         let mut broken = textured();
         broken.texture.pixels.pop();
-        assert!(write_glb_of_textured_mesh(&broken, true, 90).is_err());
+        assert!(write_glb_of_textured_mesh(&broken, &METRIC, 90).is_err());
     }
 }

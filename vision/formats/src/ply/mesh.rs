@@ -4,10 +4,7 @@ use std::fmt::Write;
 
 use volery_scene::TriangleMesh;
 
-use super::{Encoding, PlyError, read_header, read_ply};
-
-/// Bytes of a triangle: the number of its corners and their indices.
-const TRIANGLE_BYTES: usize = 13;
+use super::{Encoding, PlyError, Scalar, read_header, read_ply};
 
 /// Writes binary little endian: x, y, z as 32-bit floats, red, green, blue if the mesh has colors,
 /// and faces as lists of 32-bit indices.
@@ -36,7 +33,8 @@ pub fn write_ply_of_mesh(mesh: &TriangleMesh) -> Vec<u8> {
     bytes
 }
 
-/// Reads what [`write_ply_of_mesh`] writes; other layouts of faces are refused.
+/// Reads a binary little-endian mesh of triangles, whatever integers its lists are made of; nothing
+/// may follow the faces, and they have no other property.
 ///
 /// # Errors
 ///
@@ -45,32 +43,50 @@ pub fn read_ply_of_mesh(bytes: &[u8]) -> Result<TriangleMesh, PlyError> {
     let cloud = read_ply(bytes)?;
     let (layout, data) = read_header(bytes)?;
     let error = |text: &str| PlyError::Header(text.to_owned());
-    let start = bytes.len() - data.len();
-    let header = String::from_utf8_lossy(&bytes[..start]);
-    let list = "property list uchar uint vertex_indices";
-    let count = header.lines().find_map(|line| line.trim().strip_prefix("element face "));
-    let num_triangles: usize = count
-        .filter(|_| layout.encoding == Encoding::LittleEndian && header.contains(list))
-        .and_then(|count| count.trim().parse().ok())
-        .ok_or_else(|| error("faces that are not understood"))?;
+    let header = String::from_utf8_lossy(&bytes[..bytes.len() - data.len()]);
+    let list = face_list(&header).filter(|_| layout.encoding == Encoding::LittleEndian);
+    let (num_triangles, [of_count, of_corner]) =
+        list.ok_or_else(|| error("faces that are not understood"))?;
+    let stride = of_count.size() + 3 * of_corner.size();
     let faces = &data[layout.num_vertices * layout.stride()..];
-    if num_triangles != faces.len() / TRIANGLE_BYTES || faces.len() % TRIANGLE_BYTES != 0 {
+    if num_triangles.checked_mul(stride) != Some(faces.len()) {
         return Err(error("another number of triangles than promised"));
     }
-    let triangle = |record: &[u8; TRIANGLE_BYTES]| {
+    let triangle = |record: &[u8]| {
+        let (count, corners) = record.split_at(of_count.size());
         let corner = |k: usize| {
-            let bytes = [1, 2, 3, 4].map(|i| record[4 * k + i]);
-            Some(u32::from_le_bytes(bytes)).filter(|&v| (v as usize) < cloud.points.len())
+            let value = of_corner.read(padded(&corners[k * of_corner.size()..], of_corner));
+            (0.0..cloud.points.len() as f64).contains(&value).then_some(value as u32)
         };
         let [a, b, c] = [0, 1, 2].map(corner);
-        (record[0] == 3).then_some([a?, b?, c?])
+        (of_count.read(padded(count, of_count)) == 3.0).then_some([a?, b?, c?])
     };
-    let triangles: Option<_> = faces.as_chunks::<TRIANGLE_BYTES>().0.iter().map(triangle).collect();
+    let triangles: Option<_> = faces.chunks_exact(stride).map(triangle).collect();
     Ok(TriangleMesh {
         vertices: cloud.points,
         triangles: triangles.ok_or_else(|| error("a face that is no triangle of the vertices"))?,
         colors: if layout.rgb.is_some() { cloud.colors } else { Vec::new() },
     })
+}
+
+/// Number of faces, and types of a list's length and of its elements.
+fn face_list(header: &str) -> Option<(usize, [Scalar; 2])> {
+    let mut lines = header.lines().map(str::trim).filter(|line| !line.starts_with("comment"));
+    let count = lines.find_map(|line| line.strip_prefix("element face "))?.trim().parse().ok()?;
+    let words: Vec<&str> = lines.next()?.split_ascii_whitespace().collect();
+    let ["property", "list", length, element, "vertex_indices" | "vertex_index"] = words[..] else {
+        return None;
+    };
+    let types = [Scalar::from_name(length)?, Scalar::from_name(element)?];
+    let is_integer = |scalar: &Scalar| !matches!(scalar, Scalar::F32 | Scalar::F64);
+    (lines.next()? == "end_header" && types.iter().all(is_integer)).then_some((count, types))
+}
+
+/// The first bytes of a value, as [`Scalar::read`] takes them.
+fn padded(bytes: &[u8], scalar: Scalar) -> [u8; 8] {
+    let mut raw = [0; 8];
+    raw[..scalar.size()].copy_from_slice(&bytes[..scalar.size()]);
+    raw
 }
 
 #[cfg(test)]
@@ -100,6 +116,42 @@ mod tests {
             let mut lying = bytes.clone();
             lying[at] = lie;
             assert!(read_ply_of_mesh(&lying).is_err(), "{lie} at {at}");
+        }
+    }
+
+    /// Meshes of others count corners and name them by other integers.
+    #[test]
+    fn lists_of_other_integers_are_read() {
+        let vertices = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+        let file = |list: &str, faces: &[u8]| {
+            let mut bytes = format!(
+                "ply\nformat binary_little_endian 1.0\n{vertices}element face 1\n{list}\nend_header\n"
+            )
+            .into_bytes();
+            bytes.extend(
+                [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+                    .map(f32::to_le_bytes)
+                    .as_flattened(),
+            );
+            bytes.extend(faces);
+            read_ply_of_mesh(&bytes).map(|mesh| mesh.triangles)
+        };
+        let word = [3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0];
+        assert_eq!(file("property list uchar int vertex_indices", &word), Ok(vec![[0, 1, 2]]));
+        let long = [3, 0, 0, 0, 2, 0, 1, 0, 0, 0];
+        assert_eq!(file("property list int ushort vertex_index", &long), Ok(vec![[2, 1, 0]]));
+        assert_eq!(
+            file("property list uint8 char vertex_index", &[3, 0, 1, 2]),
+            Ok(vec![[0, 1, 2]])
+        );
+        for (list, faces) in [
+            ("property list uchar float vertex_indices", &word[..]),
+            ("property list uchar int other", &word),
+            ("property list uchar char vertex_index", &[3, 0, 1, 255]),
+            ("property list uchar char vertex_index", &[4, 0, 1, 2]),
+            ("property list uchar char vertex_index\nproperty uchar flags", &[3, 0, 1, 2, 9]),
+        ] {
+            assert!(matches!(file(list, faces), Err(PlyError::Header(_))), "{list}");
         }
     }
 }
