@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    AlignRequest, Camera, JobKind, KnownDistance, Localization, LocalizeMethod, LocalizePrior,
-    OriginRule, Preset, Prior, Registration, RenderRequest, StageGroup,
+    AlignRequest, Camera, FrameTelemetry, JobKind, KnownDistance, Localization, LocalizeMethod,
+    LocalizePrior, OriginRule, Preset, Prior, Registration, RenderRequest, StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -171,6 +171,14 @@ pub enum WorkerRequest {
     },
     /// Payload: an image. Answer [`Localization`], with `ok: true` beside its fields.
     Localize(Box<LocalizeTask>),
+    /// Payload: the next frame of a stream. Answer [`TrackedFrame`](crate::TrackedFrame), with
+    /// `ok: true` beside its fields.
+    Track(Box<TrackTask>),
+    /// Forget a stream. Answer: `{"ok":true}`.
+    EndTrack {
+        /// As in [`TrackTask`].
+        stream: u64,
+    },
     /// Turn a map folder into another. Answer: `{"ok":true,"residuals":{..}}`.
     Align {
         /// Map folder to read.
@@ -221,6 +229,32 @@ pub struct LocalizeTask {
     /// Pixels; needed for raw encodings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height: Option<u32>,
+}
+
+/// A frame of a stream.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrackTask {
+    /// Frames of one number are of one camera.
+    pub stream: u64,
+    /// Map folder; the same for all frames of a stream.
+    pub map_dir: String,
+    /// Intrinsics; as with [`LocalizeTask`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
+    /// How the payload is coded.
+    #[serde(default)]
+    pub encoding: ImageEncoding,
+    /// Pixels; needed for raw encodings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width: Option<u32>,
+    /// Pixels; needed for raw encodings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<u32>,
+    /// When it was taken, nanoseconds of one clock per stream.
+    pub t_capture_ns: u64,
+    /// Reported at that time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub telemetry: Option<FrameTelemetry>,
 }
 
 /// How an image is coded.

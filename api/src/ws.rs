@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use crate::{Camera, ImageEncoding, JobEvent, LocalizeAnswer, LocalizePrior};
+use crate::{
+    Camera, FrameTelemetry, ImageEncoding, JobEvent, LocalizeAnswer, LocalizePrior, TrackedFrame,
+};
 
 /// First two bytes of a binary frame: `VY`.
 pub const FRAME_MAGIC: u16 = 0x5956;
@@ -40,10 +42,10 @@ pub struct ClientMessage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "type", deny_unknown_fields)]
 pub enum ClientBody {
-    /// Events of a topic: `job:<id>` or `jobs`.
+    /// Events of a topic: `job:<id>`, `jobs`, `pose:<drone>` or `pose:*`.
     #[serde(rename = "subscribe")]
     Subscribe {
-        /// `job:<id>` or `jobs`.
+        /// `job:<id>`, `jobs`, `pose:<drone>` or `pose:*`.
         topic: String,
         /// Events of the job with greater numbers only, past ones too; without it, from now on.
         #[serde(default)]
@@ -84,6 +86,13 @@ pub struct StreamOpen {
     /// What to do with frames that come faster than answers.
     #[serde(default)]
     pub mode: StreamMode,
+    /// Follow the camera from frame to frame: frames are answered with `frame.tracked`. All of them
+    /// must be of one size and have rising capture times.
+    #[serde(default)]
+    pub track: bool,
+    /// The drone whose camera this is; with `track`, its poses are the drone's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drone_id: Option<String>,
 }
 
 /// What to do with frames that come faster than answers.
@@ -117,9 +126,12 @@ pub struct FrameHeader {
     /// Pixels; needed for raw encodings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height: Option<u32>,
-    /// What is known of the pose.
+    /// What is known of the pose; not used by streams that track.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<LocalizePrior>,
+    /// What the drone reports of itself; used by streams that track.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub telemetry: Option<FrameTelemetry>,
 }
 
 /// From the server.
@@ -208,6 +220,36 @@ pub enum ServerBody {
         t_capture_ns: Option<u64>,
         /// As REST answers it.
         result: Box<LocalizeAnswer>,
+    },
+    /// The pose of a frame of a stream that tracks.
+    #[serde(rename = "frame.tracked")]
+    FrameTracked {
+        /// As opened.
+        stream_id: u32,
+        /// Of the frame.
+        seq: u64,
+        /// Of the frame.
+        t_capture_ns: Option<u64>,
+        /// The map.
+        map_id: Uuid,
+        /// Its version.
+        map_version: u32,
+        /// State, pose and latency.
+        result: Box<TrackedFrame>,
+    },
+    /// What a frame of a drone's camera says about its place.
+    #[serde(rename = "pose")]
+    Pose {
+        /// Of the stream that the frame came by.
+        drone_id: String,
+        /// The map.
+        map_id: Uuid,
+        /// Its version.
+        map_version: u32,
+        /// Of the frame.
+        frame_seq: u64,
+        /// State, pose of the camera and latency; `age_ms` since the frame was taken.
+        result: Box<TrackedFrame>,
     },
     /// A frame without an answer.
     #[serde(rename = "frame.dropped")]

@@ -65,17 +65,25 @@ impl MovedBy {
     }
 
     fn move_estimate(&self, estimate: &mut PoseEstimate) {
+        self.move_pose(&mut estimate.map_from_camera, &mut estimate.covariance);
+    }
+
+    /// Moves a pose and its covariance into the map.
+    pub(crate) fn move_pose(&self, pose: &mut Isometry3<f64>, covariance: &mut Matrix6<f64>) {
         let map_from_index = self.similarity();
         let rotation = map_from_index.isometry.rotation;
-        let pose = &estimate.map_from_camera;
         let position = map_from_index * nalgebra::Point3::from(pose.translation.vector);
-        estimate.map_from_camera =
-            Isometry3::from_parts(position.coords.into(), rotation * pose.rotation);
+        *pose = Isometry3::from_parts(position.coords.into(), rotation * pose.rotation);
         let r = rotation.to_rotation_matrix().into_inner();
         let mut jacobian = Matrix6::zeros();
         jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&(r * self.scale));
         jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&r);
-        estimate.covariance = jacobian * estimate.covariance * jacobian.transpose();
+        *covariance = jacobian * *covariance * jacobian.transpose();
+    }
+
+    /// Whether the index is upright where the map is.
+    pub(crate) fn is_upright(&self) -> bool {
+        turn_about_z(&self.similarity().isometry.rotation).is_some()
     }
 }
 

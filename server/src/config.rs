@@ -38,6 +38,8 @@ pub struct WorkerLimits {
     pub decoders: usize,
     /// Localizers at once.
     pub localizers: usize,
+    /// Child processes that follow streams from frame to frame.
+    pub trackers: usize,
     /// Questions that may wait for a localizer; more are turned away.
     pub waiting: usize,
     /// Address space of a decoder, bytes.
@@ -97,6 +99,7 @@ impl Default for WorkerLimits {
         Self {
             decoders: 2,
             localizers: 2,
+            trackers: 2,
             waiting: 64,
             decoder_bytes: 2 << 30,
             localizer_bytes: 8 << 30,

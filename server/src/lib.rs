@@ -16,6 +16,7 @@ mod idempotency;
 mod jobs;
 mod metrics;
 mod pace;
+mod poses;
 mod routes;
 mod run;
 mod state;

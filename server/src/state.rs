@@ -12,8 +12,9 @@ use crate::{
     config::Config,
     error::{ApiError, ApiResult},
     metrics::Metrics,
+    poses::Poses,
     store::{Store, blobs::Blobs},
-    workers::Pool,
+    workers::{Pool, Seats},
 };
 
 /// Uploaded files held in memory at once.
@@ -29,6 +30,10 @@ pub(crate) struct App {
     pub(crate) metrics: Metrics,
     pub(crate) decoders: Pool,
     pub(crate) localizers: Pool,
+    /// Localizers that follow streams.
+    pub(crate) trackers: Seats,
+    /// Of drones, by their cameras.
+    pub(crate) poses: Poses,
     pub(crate) held_files: Semaphore,
     /// Woken when a job was queued.
     pub(crate) job_queued: Notify,
@@ -54,6 +59,8 @@ impl App {
                 limits.localizers,
                 limits.localizer_bytes,
             ),
+            trackers: Seats::new(&config, "run-localizer", limits.trackers, limits.localizer_bytes),
+            poses: Poses::default(),
             held_files: Semaphore::new(MAX_HELD_FILES),
             job_queued: Notify::new(),
             job_cancelled: Notify::new(),

@@ -165,3 +165,65 @@ async fn the_newest_frame_wins() {
     socket.send(frame(7, "late")).await.unwrap();
     assert_eq!(next(&mut socket).await["code"], "bad_frame");
 }
+
+fn tracking_frame(stream: &Value, seq: u64, words: &str) -> Message {
+    let header = json!({"stream_id": stream, "seq": seq, "t_capture_ns": seq * 10,
+        "telemetry": {"heading": 0.5, "height": 1.2}});
+    Message::Binary(join_frame(1, header.to_string().as_bytes(), &photo(words)).into())
+}
+
+/// Frames of a stream go to one child, which remembers it; of streams that share a child none is
+/// passed over; poses of a drone go to those who asked for them; when the child dies, the counter
+/// of resets tells that what it knew is gone.
+#[tokio::test]
+async fn a_stream_that_tracks_keeps_its_worker() {
+    let server = Server::start_with(|config| config.workers.trackers = 1).await;
+    let map = server.client.map().await;
+    let mut listener = connect(&server).await;
+    say(&mut listener, json!({"type": "subscribe", "topic": "pose:cf1"})).await;
+    assert_eq!(next(&mut listener).await["type"], "subscribed");
+    let mut socket = connect(&server).await;
+    let mut streams = Vec::new();
+    for drone in ["cf1", "cf2"] {
+        let open = json!({"type": "stream.open", "map_id": map, "track": true, "drone_id": drone});
+        say(&mut socket, open).await;
+        streams.push(next(&mut socket).await["stream_id"].clone());
+    }
+    // The first has frames without end; the second gets its turn after one of them.
+    for seq in 1..=3 {
+        socket.send(tracking_frame(&streams[0], seq, "slow")).await.unwrap();
+    }
+    socket.send(tracking_frame(&streams[1], 1, "slow")).await.unwrap();
+    let mut order = Vec::new();
+    while order.len() < 3 {
+        let message = next(&mut socket).await;
+        match message["type"].as_str().unwrap() {
+            "frame.tracked" => order.push(message),
+            "frame.dropped" => assert_eq!(message["reason"], "superseded"),
+            other => panic!("{other}"),
+        }
+    }
+    let position = order.iter().position(|m| m["stream_id"] == streams[1]).unwrap();
+    assert!(position < 2, "{order:?}");
+    for message in &order {
+        let latency = &message["result"]["latency"];
+        let ms = |name: &str| latency[name].as_f64().unwrap();
+        let steps = ["recv_ms", "decode_ms", "track_ms", "features_ms", "match_ms", "solve_ms"];
+        let sum: f64 = steps.iter().map(|name| ms(name)).sum();
+        assert!((sum - ms("total_ms")).abs() < 1e-6 && ms("recv_ms") > 100.0, "{latency}");
+    }
+    let own: Vec<_> = order.iter().filter(|m| m["stream_id"] == streams[0]).collect();
+    let counts: Vec<_> = own.iter().map(|m| m["result"]["num_points"].clone()).collect();
+    assert_eq!(counts, [1, 2], "one child saw them all");
+    let told = next(&mut listener).await;
+    assert_eq!((&told["type"], &told["drone_id"]), (&json!("pose"), &json!("cf1")));
+    assert_eq!(told["result"]["state"], "tracking");
+
+    socket.send(tracking_frame(&streams[0], 7, "die")).await.unwrap();
+    let dropped = next(&mut socket).await;
+    assert_eq!((&dropped["type"], &dropped["seq"]), (&json!("frame.dropped"), &json!(7)));
+    socket.send(tracking_frame(&streams[0], 8, "again")).await.unwrap();
+    let again = next(&mut socket).await;
+    assert_eq!(again["result"]["num_points"], 1, "a child that knows nothing");
+    assert_eq!(again["result"]["reset_counter"], 1);
+}

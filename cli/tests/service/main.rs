@@ -7,4 +7,5 @@ mod bad_input;
 mod cancel;
 mod crash;
 mod journey;
+mod live_pose;
 mod server;

@@ -8,7 +8,7 @@ use tokio_tungstenite::{
 };
 use uuid::Uuid;
 use volery_api::{
-    JobEvent, JobState, LocalizeAnswer,
+    JobEvent, JobState, LocalizeAnswer, TrackedFrame,
     ws::{
         ClientBody, ClientMessage, FRAME_IMAGE_QUERY, FrameHeader, ServerBody, ServerMessage,
         StreamOpen, join_frame,
@@ -35,6 +35,15 @@ pub enum StreamAnswer {
         seq: u64,
         /// As REST answers it.
         answer: Box<LocalizeAnswer>,
+    },
+    /// The answer to frame `seq` of a stream that tracks.
+    Tracked {
+        /// Number of the frame.
+        seq: u64,
+        /// Of the frame.
+        t_capture_ns: Option<u64>,
+        /// State, pose and latency.
+        frame: Box<TrackedFrame>,
     },
     /// Frame `seq` has no answer.
     Dropped {
@@ -118,6 +127,7 @@ impl LocalizationStream {
             width: None,
             height: None,
             prior: None,
+            telemetry: None,
         };
         self.send_frame(&header, image).await?;
         Ok(seq)
@@ -142,6 +152,9 @@ impl LocalizationStream {
             match receive(&mut self.socket).await? {
                 ServerBody::FrameResult { seq, result, .. } => {
                     return Ok(StreamAnswer::Result { seq, answer: result });
+                }
+                ServerBody::FrameTracked { seq, t_capture_ns, result, .. } => {
+                    return Ok(StreamAnswer::Tracked { seq, t_capture_ns, frame: result });
                 }
                 ServerBody::FrameDropped { seq, reason, .. } => {
                     return Ok(StreamAnswer::Dropped { seq, reason });

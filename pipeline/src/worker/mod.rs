@@ -6,6 +6,7 @@ mod image_work;
 mod job;
 mod parent;
 mod requests;
+mod tracking;
 mod wire;
 
 pub use answer::{localization, not_found};

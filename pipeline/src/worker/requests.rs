@@ -26,7 +26,10 @@ use volery_formats::{
 use volery_geometry::{Camera, Point3};
 use volery_localization::{LocalizationPrior, LocalizeOptions};
 
-use super::{align::align_folder, answer::localization, image_work::query_image, parent, wire};
+use super::{
+    align::align_folder, answer::localization, image_work::query_image, parent, tracking::Trackers,
+    wire,
+};
 use crate::{
     PipelineError,
     cache::write_atomic,
@@ -56,12 +59,17 @@ pub fn run_decoder() -> io::Result<()> {
 
 /// Answers requests about maps until standard input ends.
 pub fn run_localizer() -> io::Result<()> {
-    let mut maps = Maps::default();
+    let (mut maps, mut trackers) = (Maps::default(), Trackers::default());
     serve(&mut |request, payload| match request {
         WorkerRequest::CheckImage {} | WorkerRequest::Thumbnail { .. } => {
             reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
         }
         WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
+        WorkerRequest::Track(task) => reply(trackers.track(&task, payload, &mut maps)),
+        WorkerRequest::EndTrack { stream } => {
+            trackers.end(stream);
+            reply(Ok(json!({})))
+        }
         WorkerRequest::Render { map_dir, render } => match draw(&map_dir, &render, &mut maps) {
             Ok((about, picture)) => Ok((reply(Ok(about))?.0, picture)),
             Err(failure) => reply::<Value>(Err(failure)),
@@ -122,11 +130,11 @@ fn reply<T: Serialize + for<'de> Deserialize<'de>>(outcome: Result<T, WorkerFail
     Ok((WorkerReply(outcome).to_header()?, Vec::new()))
 }
 
-fn failure(code: &str, detail: impl Into<String>) -> WorkerFailure {
+pub(super) fn failure(code: &str, detail: impl Into<String>) -> WorkerFailure {
     WorkerFailure { code: code.to_owned(), detail: detail.into(), hint: None }
 }
 
-fn of_pipeline(error: PipelineError) -> WorkerFailure {
+pub(super) fn of_pipeline(error: PipelineError) -> WorkerFailure {
     WorkerFailure { code: error.code, detail: error.detail, hint: error.hint }
 }
 
@@ -170,13 +178,13 @@ fn thumbnail(bytes: &[u8], max_side: u32) -> Result<Vec<u8>, WorkerFailure> {
 
 /// Open map folders, the least recently used first to go.
 #[derive(Default)]
-struct Maps {
+pub(super) struct Maps {
     open: BTreeMap<String, (u64, Arc<MapFolder>)>,
     num_uses: u64,
 }
 
 impl Maps {
-    fn get(&mut self, folder: &str) -> Result<Arc<MapFolder>, PipelineError> {
+    pub(super) fn get(&mut self, folder: &str) -> Result<Arc<MapFolder>, PipelineError> {
         self.num_uses += 1;
         if let Some((last_use, map)) = self.open.get_mut(folder) {
             *last_use = self.num_uses;
@@ -261,7 +269,7 @@ fn draw(
     Ok((RenderReply { surface: surface.name().to_owned() }, picture))
 }
 
-fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {
+pub(super) fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {
     let spec = wire::camera(camera.clone()).map_err(of_pipeline)?;
     spec.camera().map_err(|e| failure("bad_camera", e.to_string()))
 }

@@ -1,23 +1,18 @@
 //! A few children of one kind that answer one question at a time.
 
 use std::{
-    process::Stdio,
     sync::{Mutex, PoisonError},
     time::Duration,
 };
 
 use serde::{Serialize, de::DeserializeOwned};
-use tokio::{
-    io::{AsyncReadExt, AsyncWriteExt},
-    process::{Child, ChildStdin, ChildStdout},
-    sync::Semaphore,
-};
+use tokio::sync::Semaphore;
 use volery_api::{
     WorkerFailure,
-    worker::{MAX_WORKER_HEADER, WorkerReply, WorkerRequest},
+    worker::{WorkerReply, WorkerRequest},
 };
 
-use super::process::{command, confine};
+use super::child::Child;
 use crate::{
     config::Config,
     error::{ApiError, Code},
@@ -68,14 +63,7 @@ pub(crate) struct Pool {
     bytes: u64,
     places: Semaphore,
     waiting: Semaphore,
-    idle: Mutex<Vec<Worker>>,
-}
-
-#[derive(Debug)]
-struct Worker {
-    _child: Child,
-    stdin: ChildStdin,
-    stdout: ChildStdout,
+    idle: Mutex<Vec<Child>>,
 }
 
 impl Pool {
@@ -114,7 +102,9 @@ impl Pool {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut worker = match idle {
             Some(worker) => worker,
-            None => self.start().map_err(PoolError::NoStart)?,
+            None => {
+                Child::start(&self.config, self.word, self.bytes).map_err(PoolError::NoStart)?
+            }
         };
         let header = serde_json::to_vec(request).map_err(|_| PoolError::Died)?;
         let (answer, payload) = tokio::time::timeout(timeout, worker.ask(&header, payload))
@@ -124,38 +114,5 @@ impl Pool {
         let reply = WorkerReply::parse(&answer).map_err(|_| PoolError::Died)?;
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
         reply.0.map(|answer| (answer, payload)).map_err(PoolError::Refused)
-    }
-
-    fn start(&self) -> std::io::Result<Worker> {
-        let mut child = command(&self.config, self.word).stderr(Stdio::null()).spawn()?;
-        confine(&child, self.bytes, 0);
-        let (stdin, stdout) = child.stdin.take().zip(child.stdout.take()).ok_or_else(|| {
-            std::io::Error::other("the worker's standard input and output are not piped")
-        })?;
-        Ok(Worker { _child: child, stdin, stdout })
-    }
-}
-
-impl Worker {
-    /// Header and payload of the answer.
-    async fn ask(&mut self, header: &[u8], payload: &[u8]) -> std::io::Result<(Vec<u8>, Vec<u8>)> {
-        let too_long = || std::io::Error::from(std::io::ErrorKind::InvalidInput);
-        for part in [header, payload] {
-            let len = u32::try_from(part.len()).map_err(|_| too_long())?;
-            self.stdin.write_all(&len.to_le_bytes()).await?;
-            self.stdin.write_all(part).await?;
-        }
-        self.stdin.flush().await?;
-        Ok((self.read_part().await?, self.read_part().await?))
-    }
-
-    async fn read_part(&mut self) -> std::io::Result<Vec<u8>> {
-        let len = self.stdout.read_u32_le().await? as usize;
-        if len > MAX_WORKER_HEADER {
-            return Err(std::io::ErrorKind::InvalidData.into());
-        }
-        let mut part = vec![0; len];
-        self.stdout.read_exact(&mut part).await?;
-        Ok(part)
     }
 }

@@ -3,6 +3,7 @@
 mod connection;
 mod stream;
 mod topics;
+mod tracking;
 
 use std::sync::Arc;
 

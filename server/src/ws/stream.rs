@@ -13,7 +13,10 @@ use volery_api::{
     ws::{FrameHeader, ServerBody, StreamMode, StreamOpen},
 };
 
-use super::connection::{Gone, Outbox, Task};
+use super::{
+    connection::{Gone, Outbox, Task},
+    tracking::track_frames,
+};
 use crate::{
     error::{ApiError, ApiResult, Code},
     metrics::add,
@@ -24,6 +27,9 @@ use crate::{
 /// Frames that may wait with [`StreamMode::All`].
 const MAX_WAITING: usize = 8;
 
+/// Longest id of a drone, bytes.
+const MAX_DRONE_ID: usize = 64;
+
 /// An open stream.
 #[derive(Debug)]
 pub(super) struct Stream {
@@ -32,19 +38,19 @@ pub(super) struct Stream {
 }
 
 #[derive(Debug)]
-struct Shared {
-    app: Arc<App>,
-    outbox: Outbox,
-    open: StreamOpen,
+pub(super) struct Shared {
+    pub(super) app: Arc<App>,
+    pub(super) outbox: Outbox,
+    pub(super) open: StreamOpen,
     waiting: Mutex<VecDeque<Frame>>,
-    arrived: Notify,
+    pub(super) arrived: Notify,
 }
 
 #[derive(Debug)]
-struct Frame {
-    header: FrameHeader,
-    payload: Bytes,
-    arrived: Instant,
+pub(super) struct Frame {
+    pub(super) header: FrameHeader,
+    pub(super) payload: Bytes,
+    pub(super) arrived: Instant,
 }
 
 impl Stream {
@@ -56,6 +62,10 @@ impl Stream {
         open: StreamOpen,
     ) -> ApiResult<(Self, ServerBody)> {
         open.camera.as_ref().map_or(Ok(()), check_camera)?;
+        if open.drone_id.as_ref().is_some_and(|id| id.is_empty() || id.len() > MAX_DRONE_ID) {
+            let detail = format!("a drone's id has 1 to {MAX_DRONE_ID} bytes");
+            return Err(ApiError::new(Code::Unprocessable("bad_drone_id"), detail));
+        }
         let version = app.store.version(open.map_id, open.version).await?;
         let opened = ServerBody::StreamOpened {
             stream_id,
@@ -73,7 +83,12 @@ impl Stream {
             waiting: Mutex::default(),
             arrived: Notify::new(),
         });
-        let task = Task(tokio::spawn(answer_frames(Arc::clone(&shared), version)));
+        let task = if shared.open.track {
+            tokio::spawn(track_frames(Arc::clone(&shared), version))
+        } else {
+            tokio::spawn(answer_frames(Arc::clone(&shared), version))
+        };
+        let task = Task(task);
         Ok((Self { shared, _task: task }, opened))
     }
 
@@ -102,7 +117,16 @@ impl Stream {
 }
 
 impl Shared {
-    fn drop_frame(
+    pub(super) fn is_empty(&self) -> bool {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
+    }
+
+    /// The frame that waits longest.
+    pub(super) fn pop(&self) -> Option<Frame> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
+    }
+
+    pub(super) fn drop_frame(
         &self,
         header: &FrameHeader,
         reason: &str,
@@ -121,7 +145,7 @@ impl Shared {
 
 async fn answer_frames(shared: Arc<Shared>, version: MapVersion) {
     loop {
-        let next = shared.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+        let next = shared.pop();
         let Some(Frame { header, payload, arrived }) = next else {
             shared.arrived.notified().await;
             continue;
@@ -158,7 +182,7 @@ async fn answer_frames(shared: Arc<Shared>, version: MapVersion) {
     }
 }
 
-fn reason_of(error: &ApiError) -> &'static str {
+pub(super) fn reason_of(error: &ApiError) -> &'static str {
     match &error.code {
         Code::TooLarge => "too_large",
         Code::Refused(code) if code == "too_large" => "too_large",

@@ -1,4 +1,4 @@
-//! Events of jobs to a socket, in order and without gaps.
+//! Events of jobs to a socket, in order and without gaps; poses of drones, as they come.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -22,6 +22,9 @@ pub(super) async fn subscribe(
     topic: &str,
     after: Option<u64>,
 ) -> ApiResult<Task> {
+    if let Some(drone) = topic.strip_prefix("pose:") {
+        return Ok(poses(app, outbox, drone));
+    }
     // Listen before looking, so that nothing falls between.
     let news = app.store.listen();
     let only = match topic {
@@ -29,7 +32,8 @@ pub(super) async fn subscribe(
         topic => {
             let id = topic.strip_prefix("job:").and_then(|id| Uuid::parse_str(id).ok());
             let id = id.ok_or_else(|| {
-                ApiError::new(Code::Unprocessable("bad_topic"), "topics are `jobs` and `job:<id>`")
+                let detail = "topics are `jobs`, `job:<id>`, `pose:<drone>` and `pose:*`";
+                ApiError::new(Code::Unprocessable("bad_topic"), detail)
             })?;
             Some((id, app.store.job(id).await?.last_event))
         }
@@ -48,6 +52,41 @@ pub(super) async fn subscribe(
         // The connection notices that this task has ended.
         let _ = feed.run(news).await;
     })))
+}
+
+/// Poses of a drone, or of all (`*`). A client that reads slowly misses some.
+fn poses(app: &Arc<App>, outbox: Outbox, drone: &str) -> Task {
+    let mut fixes = app.poses.listen();
+    let drone = (drone != "*").then(|| drone.to_owned());
+    let mut run = async move || -> Result<(), Gone> {
+        loop {
+            let fix = match fixes.recv().await {
+                Ok(fix) => fix,
+                Err(RecvError::Lagged(_)) => continue,
+                Err(RecvError::Closed) => return Err(Gone),
+            };
+            if drone.as_ref().is_some_and(|drone| *drone != fix.drone_id) {
+                continue;
+            }
+            outbox.wait().await?;
+            let mut result = Box::new(fix.frame.clone());
+            result.age_ms = fix.captured.elapsed().as_secs_f64() * 1e3;
+            outbox.send(
+                None,
+                ServerBody::Pose {
+                    drone_id: fix.drone_id.clone(),
+                    map_id: fix.map_id,
+                    map_version: fix.map_version,
+                    frame_seq: fix.seq,
+                    result,
+                },
+            )?;
+        }
+    };
+    Task(tokio::spawn(async move {
+        // The connection notices that this task has ended.
+        let _ = run().await;
+    }))
 }
 
 struct Feed {

@@ -7,6 +7,7 @@
 //!   `late death` (after the sparse map is whole).
 
 use std::{
+    collections::BTreeMap,
     fs,
     io::{self, Read, Write},
     path::Path,
@@ -127,11 +128,20 @@ fn read_part(input: &mut impl Read) -> Option<Vec<u8>> {
 
 fn answer() {
     let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
+    let mut tracked = BTreeMap::new();
     for number in 1.. {
         let Some(header) = read_part(&mut input) else { return };
         let payload = read_part(&mut input).expect("a payload");
         let request: Value = serde_json::from_slice(&header).expect("JSON");
-        let reply = serde_json::to_vec(&reply(&request, &payload)).expect("JSON");
+        let mut reply = reply(&request, &payload);
+        if let (Some("track"), Some(stream)) = (request["op"].as_str(), request["stream"].as_u64())
+        {
+            // Every answer tells how many frames of its stream this process has seen.
+            let seen = tracked.entry(stream).or_insert(0_u32);
+            *seen += 1;
+            reply["num_points"] = json!(*seen);
+        }
+        let reply = serde_json::to_vec(&reply).expect("JSON");
         let picture = match request["op"].as_str() {
             Some("render") => format!("a {} picture", request["render"]["what"]),
             Some("thumbnail") => format!("{} pixels, answer {number}", request["max_side"]),
@@ -180,6 +190,19 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
                 "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
                 "timings": {"features_ms": 1.0}})
         }
+        Some("track") => {
+            fs::metadata(path("map_dir").join("localization.bin")).expect("the map is laid out");
+            if told("slow") {
+                sleep(Duration::from_millis(200));
+            }
+            json!({"ok": true, "state": "tracking", "source": "klt", "age_ms": 0.0,
+                "num_points": 0, "reset_counter": u32::from(told("reset")),
+                "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
+                "covariance": [],
+                "latency": {"recv_ms": 0.0, "decode_ms": 1.0, "track_ms": 2.0, "features_ms": 0.0,
+                    "match_ms": 0.0, "solve_ms": 0.0, "total_ms": 3.0}})
+        }
+        Some("end_track") => json!({"ok": true}),
         Some("render") if request["render"]["camera"]["width"] == 9999 => {
             json!({"ok": false, "code": "too_large", "detail": "too many pixels"})
         }

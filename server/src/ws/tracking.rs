@@ -1,0 +1,185 @@
+//! A stream that is followed from frame to frame.
+
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use uuid::Uuid;
+use volery_api::{
+    MapVersion, TrackState, TrackedFrame,
+    worker::{TrackTask, WorkerRequest},
+    ws::{FrameHeader, ServerBody},
+};
+
+use super::{
+    connection::Gone,
+    stream::{Frame, Shared, reason_of},
+};
+use crate::{
+    error::{ApiError, ApiResult, Code},
+    poses::CameraFix,
+    workers::{Seat, Turn},
+};
+
+/// The worker's side of a stream: one child keeps its tracker.
+struct Following {
+    shared: Arc<Shared>,
+    version: MapVersion,
+    seat: Option<Seat>,
+    /// Names the stream to the child.
+    stream: u64,
+    /// The child that answered last, and its last count of resets.
+    last: (u64, u32),
+    /// Resets by children that have gone.
+    resets: u32,
+    started: Instant,
+    /// Least difference between arrival and capture, nanoseconds of either clock.
+    least_delay_ns: Option<i128>,
+}
+
+/// Answers frames until the socket ends.
+pub(super) async fn track_frames(shared: Arc<Shared>, version: MapVersion) {
+    let seat = Some(shared.app.trackers.take());
+    let mut following = Following {
+        shared,
+        version,
+        seat,
+        stream: Uuid::now_v7().as_u64_pair().1,
+        last: (0, 0),
+        resets: 0,
+        started: Instant::now(),
+        least_delay_ns: None,
+    };
+    while following.next().await.is_ok() {}
+}
+
+impl Following {
+    /// Waits for a frame and for the child, then takes the newest frame.
+    async fn next(&mut self) -> Result<(), Gone> {
+        while self.shared.is_empty() {
+            self.shared.arrived.notified().await;
+        }
+        let Some(seat) = &self.seat else { return Err(Gone) };
+        let turn = seat.turn().await;
+        let Some(Frame { header, payload, arrived }) = self.shared.pop() else { return Ok(()) };
+        let outcome = match turn {
+            Ok(turn) => self.ask(turn, &header, payload, arrived).await,
+            Err(error) => Err(error.into()),
+        };
+        match outcome {
+            Ok(frame) => self.tell(&header, arrived, frame),
+            Err(error) => {
+                let reason = reason_of(&error);
+                self.shared.drop_frame(&header, reason, Some(error.detail))
+            }
+        }
+    }
+
+    async fn ask(
+        &mut self,
+        turn: Turn,
+        header: &FrameHeader,
+        payload: bytes::Bytes,
+        arrived: Instant,
+    ) -> ApiResult<TrackedFrame> {
+        if payload.is_empty() {
+            return Err(ApiError::new(Code::Unprocessable("empty_file"), "the frame has no bytes"));
+        }
+        let app = &self.shared.app;
+        let since_start = arrived.saturating_duration_since(self.started).as_nanos() as u64;
+        let task = TrackTask {
+            stream: self.stream,
+            map_dir: app.map_folder(&self.version).await?.display().to_string(),
+            camera: self.shared.open.camera.clone(),
+            encoding: header.encoding,
+            width: header.width,
+            height: header.height,
+            t_capture_ns: header.t_capture_ns.unwrap_or(since_start),
+            telemetry: header.telemetry,
+        };
+        let life = turn.life();
+        let timeout = app.config.workers.localize_timeout;
+        let request = WorkerRequest::Track(Box::new(task));
+        let asked = turn.ask::<TrackedFrame>(&request, payload, timeout).await;
+        let mut frame = asked.inspect_err(|error| app.metrics.asked(error))?;
+        if self.last.0 != 0 && self.last.0 != life {
+            // The new child does not know of the places that the old one gave up.
+            self.resets += self.last.1 + 1;
+        }
+        self.last = (life, frame.reset_counter);
+        frame.reset_counter += self.resets;
+        let elapsed = arrived.elapsed();
+        app.metrics.localized(elapsed);
+        let latency = &mut frame.latency;
+        let worked = latency.decode_ms
+            + latency.track_ms
+            + latency.features_ms
+            + latency.match_ms
+            + latency.solve_ms;
+        latency.total_ms = elapsed.as_secs_f64() * 1e3;
+        latency.recv_ms = (latency.total_ms - worked).max(0.0);
+        frame.age_ms = latency.total_ms;
+        Ok(frame)
+    }
+
+    fn tell(
+        &mut self,
+        header: &FrameHeader,
+        arrived: Instant,
+        frame: TrackedFrame,
+    ) -> Result<(), Gone> {
+        let (map_id, map_version) = (self.version.map_id, self.version.version);
+        if let Some(drone_id) = &self.shared.open.drone_id {
+            let fix = CameraFix {
+                drone_id: drone_id.clone(),
+                map_id,
+                map_version,
+                seq: header.seq,
+                captured: self.captured(header, arrived),
+                frame: frame.clone(),
+            };
+            self.shared.app.poses.send(fix);
+        }
+        debug_assert_eq!(frame.pose.is_some(), frame.state == TrackState::Tracking);
+        let body = ServerBody::FrameTracked {
+            stream_id: header.stream_id,
+            seq: header.seq,
+            t_capture_ns: header.t_capture_ns,
+            map_id,
+            map_version,
+            result: Box::new(frame),
+        };
+        self.shared.outbox.send(None, body)
+    }
+
+    /// When a frame was taken, by our clock: the fastest frame so far is taken to have come at once.
+    fn captured(&mut self, header: &FrameHeader, arrived: Instant) -> Instant {
+        let Some(t_capture_ns) = header.t_capture_ns else { return arrived };
+        let arrived_ns = arrived.saturating_duration_since(self.started).as_nanos() as i128;
+        let delay_ns = arrived_ns - i128::from(t_capture_ns);
+        let least = *self
+            .least_delay_ns
+            .insert(self.least_delay_ns.map_or(delay_ns, |least| least.min(delay_ns)));
+        let late = Duration::from_nanos(u64::try_from(delay_ns - least).unwrap_or(u64::MAX));
+        arrived.checked_sub(late).unwrap_or(arrived)
+    }
+}
+
+impl Drop for Following {
+    fn drop(&mut self) {
+        let (Some(seat), stream) = (self.seat.take(), self.stream) else { return };
+        let timeout = self.shared.app.config.workers.localize_timeout;
+        if self.last.0 == 0 {
+            return;
+        }
+        tokio::spawn(async move {
+            let life = seat.turn().await;
+            if let Ok(turn) = life {
+                let request = WorkerRequest::EndTrack { stream };
+                // A child that cannot be told has gone, with all that it knew.
+                let _ = turn.ask::<serde_json::Value>(&request, bytes::Bytes::new(), timeout).await;
+            }
+        });
+    }
+}
