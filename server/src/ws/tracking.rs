@@ -168,18 +168,20 @@ impl Following {
 
 impl Drop for Following {
     fn drop(&mut self) {
-        let (Some(seat), stream) = (self.seat.take(), self.stream) else { return };
-        let timeout = self.shared.app.config.workers.localize_timeout;
+        // Without an answer yet, or without a service, nobody has anything to forget.
+        let (Some(seat), Ok(runtime)) = (self.seat.take(), tokio::runtime::Handle::try_current())
+        else {
+            return;
+        };
         if self.last.0 == 0 {
             return;
         }
-        tokio::spawn(async move {
-            let life = seat.turn().await;
-            if let Ok(turn) = life {
-                let request = WorkerRequest::EndTrack { stream };
-                // A child that cannot be told has gone, with all that it knew.
-                let _ = turn.ask::<serde_json::Value>(&request, bytes::Bytes::new(), timeout).await;
-            }
+        let (stream, timeout) = (self.stream, self.shared.app.config.workers.localize_timeout);
+        runtime.spawn(async move {
+            let Ok(turn) = seat.turn().await else { return };
+            let request = WorkerRequest::EndTrack { stream };
+            // A child that cannot be told has gone, with all that it knew.
+            let _ = turn.ask::<serde_json::Value>(&request, bytes::Bytes::new(), timeout).await;
         });
     }
 }
