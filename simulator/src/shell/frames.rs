@@ -59,6 +59,8 @@ async fn pump(
         version: None,
         camera: Some(target.camera.clone()),
         mode: StreamMode::Latest,
+        track: false,
+        drone_id: None,
     };
     let mut stream = target.client.open_stream(open).await?;
     let mut seq = 0;
@@ -66,6 +68,7 @@ async fn pump(
         tokio::select! {
             answer = stream.next() => say(match answer? {
                 StreamAnswer::Result { answer, .. } => name_of(answer.localization.status).to_owned(),
+                StreamAnswer::Tracked { frame, .. } => format!("{:?}", frame.state).to_lowercase(),
                 StreamAnswer::Dropped { reason, .. } => format!("dropped: {reason}"),
             }),
             changed = pictures.changed() => {
@@ -81,6 +84,7 @@ async fn pump(
                     width: None,
                     height: None,
                     prior: None,
+                    telemetry: None,
                 };
                 stream.send_frame(&header, &picture.jpeg).await?;
                 seq += 1;
