@@ -48,7 +48,7 @@ pub(crate) fn run(args: &SimulateArgs) -> Outcome {
                 None => signalled().await,
             }
         };
-        simulate(simulation, stop, |line| print_line(line)).await
+        simulate(simulation, stop, print_line).await
     });
     let summary = summary.map_err(|e| PipelineError::plain(code::IO, e.to_string()))?;
     print_line(&summary);
