@@ -81,6 +81,28 @@ fn the_place_is_mistaken_for_another() {
     });
 }
 
+/// A place so near that a drone may well be there: after three poses that agree it is believed, and
+/// moves the drone by no more than the mistake.
+#[test]
+fn a_place_nearby_is_mistaken() {
+    let (mut believed, mut sent, mut wrong) = (0, 0, 0);
+    for seed in SEEDS {
+        let (mut tower, mut rng) = in_flight(seed);
+        let distance = rng.range(0.2, 0.7);
+        let step = PoseFault::Jump(Vector3::y() * distance);
+        let before = tower.drone().body().position.y;
+        tower.eyes[0].source.fail(tower.now..Duration::MAX, step);
+        tower.run(8.0);
+        let moved = (tower.drone().body().position.y - before).abs();
+        assert!(moved < distance + 0.15, "seed {seed}: {moved} m by {distance} m");
+        assert!(!tower.drone().has_crashed() && tower.world.num_contacts() == 0);
+        believed += u32::from(tower.eyes[0].num_false > 0);
+        sent += tower.eyes[0].num_sent;
+        wrong += tower.eyes[0].num_false;
+    }
+    println!("{believed} of 50 mistakes were believed, {wrong} of {sent} poses were false");
+}
+
 #[test]
 fn the_yaw_flips() {
     poses_fail(|_| PoseFault::Turn(std::f64::consts::PI));

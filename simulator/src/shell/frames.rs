@@ -40,7 +40,7 @@ pub(super) async fn stream_frames(
         let _ = says.send(Line::Frame { t, system_id, frame });
     };
     loop {
-        match pump(&target, &mut pictures, &say).await {
+        match pump(&target, system_id, &mut pictures, &say).await {
             Ok(()) => return,
             Err(error) => say(format!("error: {error}")),
         }
@@ -51,6 +51,7 @@ pub(super) async fn stream_frames(
 /// Until the camera is gone (`Ok`) or the stream.
 async fn pump(
     target: &StreamTarget,
+    system_id: u8,
     pictures: &mut Pictures,
     say: &impl Fn(String),
 ) -> Result<(), ClientError> {
@@ -59,8 +60,8 @@ async fn pump(
         version: None,
         camera: Some(target.camera.clone()),
         mode: StreamMode::Latest,
-        track: false,
-        drone_id: None,
+        track: true,
+        drone_id: Some(system_id.to_string()),
     };
     let mut stream = target.client.open_stream(open).await?;
     let mut seq = 0;
