@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
-use volery_geometry::{Camera, SimdLevel};
+use volery_geometry::{Camera, CameraModel, SimdLevel};
 use volery_scene::{DepthMap, ImageId, OrientedPoint, Photos, Progress, SparseModel, Stage};
 
 use crate::clusters::clusters;
@@ -17,7 +17,7 @@ use crate::infer::infer_flat_surfaces;
 use crate::patch_match::MAX_SOURCES;
 use crate::selection::{Neighborhood, neighborhood};
 use crate::shelf::{Item, Shelf, bytes_of_map, map_of_bytes};
-use crate::working_image::{WorkingImage, working_camera};
+use crate::working_image::{WorkingImage, beyond_the_photo, working_camera};
 
 /// Least side of a depth map, pixels.
 const MIN_SIDE: u32 = 16;
@@ -87,8 +87,20 @@ impl<'a> Passes<'a> {
                 .map(|s| cluster.inverse.get(&s.id).map(Vec::as_slice))
                 .collect();
             let alone = theirs.iter().all(Option::is_none);
-            Ok(if alone { own.clone() } else { stereo.geometric(own, &theirs) })
+            let map = if alone { own.clone() } else { stereo.geometric(own, &theirs) };
+            Ok(self.within_the_photo(map))
         })
+    }
+
+    /// Without the pixels that the photo does not show.
+    fn within_the_photo(&self, mut map: DepthMap) -> DepthMap {
+        let image = self.model.images.get(&map.image);
+        let camera = image.and_then(|image| self.model.cameras.get(&image.camera));
+        let working = map.camera;
+        if let Some(camera) = camera.filter(|camera| camera.model != CameraModel::Pinhole) {
+            beyond_the_photo(camera, &working).for_each(|index| map.clear(index));
+        }
+        map
     }
 
     fn stereo_pass(
@@ -148,7 +160,7 @@ impl<'a> Passes<'a> {
         self.map_pass(Item::Geometric, Item::Filtered, 0, |map, others| {
             let mut kept = confirmed(map, others.values());
             infer_flat_surfaces(&mut kept, &self.working_image(map.image)?.levels[0].gray);
-            Ok(kept)
+            Ok(self.within_the_photo(kept))
         })
     }
 

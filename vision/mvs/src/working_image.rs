@@ -154,6 +154,14 @@ fn seen_at(camera: &Camera, working: &Camera, pixel: &Point2<f64>) -> Point2<f64
     camera.pixel_from_normalized(&ray)
 }
 
+/// Indices of the pixels of `working` that the photo of `camera` does not show: beyond its rim there is
+/// only its rim.
+pub(crate) fn beyond_the_photo(camera: &Camera, working: &Camera) -> impl Iterator<Item = usize> {
+    let is_shown = |pixel| camera.contains(&seen_at(camera, working, &pixel));
+    let indices = pixels_of(working).enumerate();
+    indices.filter(move |(_, pixel)| !is_shown(*pixel)).map(|(index, _)| index)
+}
+
 fn bilinear(image: &GrayImage, pixel: &Point2<f64>) -> f64 {
     let axis = |value: f64, size: u32| {
         let at = (value - 0.5).clamp(0.0, f64::from(size - 1));

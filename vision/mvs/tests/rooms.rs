@@ -184,6 +184,18 @@ fn distorted_photos_give_the_same_surfaces() {
     let (maps, cloud) = reconstruct(&scan);
     assert!(maps.iter().all(|map| map.camera.model == CameraModel::Pinhole));
     assert!(cloud.points.len() > 5000);
+    // The photos do not show the corners of the depth maps.
+    let mut num_beyond = 0;
+    for map in &maps {
+        for index in 0..map.depth.len() {
+            let ray = map.camera.unproject(&map.pixel(index)).unwrap();
+            if !scan.camera.contains(&scan.camera.pixel_from_normalized(&ray)) {
+                num_beyond += 1;
+                assert_eq!(map.depth[index], 0.0);
+            }
+        }
+    }
+    assert!(num_beyond > 100, "{num_beyond}");
     let room = &scan.hall.room;
     let off: Vec<f64> =
         cloud.points.iter().map(|p| room.distance_to_surface(&p.position.cast())).collect();
