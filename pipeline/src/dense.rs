@@ -72,6 +72,7 @@ pub(crate) fn dense(
         num_points: cloud.points.len(),
         num_inferred: cloud.points.iter().filter(|point| point.inferred).count(),
         spacing: Some(f64::from(cell)),
+        free_space: None,
         error: None,
     };
     if cloud.points.is_empty() {

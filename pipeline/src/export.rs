@@ -28,7 +28,7 @@ pub(crate) fn write_map(
     progress: &dyn Progress,
 ) -> Result<MapInfo, PipelineError> {
     // What an earlier run left is of another map; the marker goes first.
-    for name in [file::MAP, file::DENSE, file::MESH] {
+    for name in [file::MAP, file::DENSE, file::FREE_SPACE, file::MESH] {
         let path = out_dir.join(name);
         if path.exists() {
             fs::remove_file(&path).map_err(|e| PipelineError::io(&path, &e))?;
@@ -127,6 +127,7 @@ fn map_info(spec: &JobSpec, ingested: &Ingested, map: &EnvironmentMap) -> MapInf
         num_images: map.model.images.len(),
         num_points: map.model.points.len(),
         num_dense_points: None,
+        free_space_voxel: None,
         num_triangles: None,
         bounds: bounds(&map.model),
         north: NorthInMap::estimate(&map.model, &priors),

@@ -10,6 +10,7 @@ mod clock;
 mod dense;
 mod export;
 mod files;
+mod free_space;
 mod heading;
 mod ingest;
 mod mapping;

@@ -41,6 +41,8 @@ pub mod file {
     pub const SPARSE: &str = "sparse.ply";
     /// Oriented points of the surfaces, with confidence.
     pub const DENSE: &str = "dense.ply";
+    /// Where there is air, surface, or nothing known: a grid of voxels.
+    pub const FREE_SPACE: &str = "freespace.bin";
     /// The surface.
     pub const MESH: &str = "mesh.ply";
     /// The surface as glTF; points and cameras while there is none.
@@ -88,6 +90,9 @@ pub struct MapInfo {
     /// Points of the dense cloud, if it was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub num_dense_points: Option<usize>,
+    /// Edge of the voxels of the free space, if it was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub free_space_voxel: Option<f64>,
     /// Triangles of the mesh, if it was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub num_triangles: Option<usize>,

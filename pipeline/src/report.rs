@@ -14,7 +14,7 @@ use crate::{
     ingest::Fate,
     map_folder::file,
     report_html,
-    report_surface::DepthPicture,
+    report_surface::SurfacePictures,
     run::{Trace, advice_for},
     spec::JobSpec,
     summary::{CameraReport, ImageReport, Summary, Warning},
@@ -76,7 +76,7 @@ pub(crate) fn summarize(
 pub(crate) fn write(
     summary: &Summary,
     map: Option<&EnvironmentMap>,
-    pictures: &[DepthPicture],
+    pictures: &SurfacePictures,
     out_dir: &Path,
 ) -> Result<(), PipelineError> {
     let json = serde_json::to_vec_pretty(summary)

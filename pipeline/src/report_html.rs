@@ -7,7 +7,7 @@ use volery_scene::{EnvironmentMap, Verdict};
 
 use crate::{
     export::bounds,
-    report_surface::{DepthPicture, section},
+    report_surface::{SurfacePictures, section},
     summary::{ImageReport, Summary},
 };
 
@@ -29,7 +29,7 @@ tr.off td{color:#a3161a}";
 pub(crate) fn page(
     summary: &Summary,
     map: Option<&EnvironmentMap>,
-    pictures: &[DepthPicture],
+    pictures: &SurfacePictures,
 ) -> String {
     let mut html = String::with_capacity(64 << 10);
     // Writing to a string cannot fail.
@@ -41,7 +41,7 @@ fn write_page(
     html: &mut String,
     summary: &Summary,
     map: Option<&EnvironmentMap>,
-    pictures: &[DepthPicture],
+    pictures: &SurfacePictures,
 ) -> std::fmt::Result {
     let (class, verdict) = match summary.quality.verdict {
         Verdict::Good => ("good", "good"),

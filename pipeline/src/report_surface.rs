@@ -1,12 +1,15 @@
 //! The part of the report about the dense cloud and the mesh.
 
-use std::fmt::Write;
+use std::{collections::BTreeSet, fmt::Write};
 
 use volery_formats::write_jpeg;
 use volery_mvs::{DenseOptions, Shelf, depth_map, small_photo};
-use volery_scene::{ImageId, SparseModel, Texture};
+use volery_scene::{ImageId, Occupancy, OccupancyGrid, RegisteredImage, SparseModel, Texture};
 
-use crate::{report_html::escape, summary::Summary};
+use crate::{
+    report_html::escape,
+    summary::{FreeSpaceSummary, Summary},
+};
 
 /// Photos shown beside their depth maps.
 const NUM_PICTURES: usize = 4;
@@ -22,12 +25,54 @@ const NEAR_TO_FAR: [[f32; 3]; 4] =
 /// sRGB of pixels without a depth.
 const UNKNOWN: [u8; 3] = [40; 3];
 
+/// sRGB of voxels.
+const FREE: [u8; 3] = [190, 228, 190];
+const OCCUPIED: [u8; 3] = [60, 50, 50];
+const UNSEEN: [u8; 3] = [205; 3];
+const CAMERA: [u8; 3] = [30, 90, 200];
+
 /// A photo and its depth map, as JPEG.
 #[derive(Debug, Clone)]
 pub(crate) struct DepthPicture {
     image: String,
     photo: Vec<u8>,
     depth: Vec<u8>,
+}
+
+/// Pictures of a surface.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct SurfacePictures {
+    pub(crate) depths: Vec<DepthPicture>,
+    /// A layer of the free space as JPEG.
+    pub(crate) plan: Option<Vec<u8>>,
+}
+
+/// The layer of a grid at the height of the middle camera, seen from above.
+pub(crate) fn plan(grid: &OccupancyGrid, model: &SparseModel) -> Option<Vec<u8>> {
+    let in_voxels = |image: &RegisteredImage| {
+        grid.map_from_grid().inverse_transform_point(&image.center()) / grid.voxel()
+    };
+    let cameras: Vec<_> = model.images.values().map(in_voxels).collect();
+    let mut heights: Vec<f64> = cameras.iter().map(|center| center.z).collect();
+    heights.sort_by(f64::total_cmp);
+    let [nx, ny, nz] = grid.size();
+    let layer = (*heights.get(heights.len() / 2)? as usize).min(nz.checked_sub(1)?);
+    let spots: BTreeSet<[usize; 2]> =
+        cameras.iter().map(|center| [center.x as usize, center.y as usize]).collect();
+    let scale = (PICTURE_SIDE / nx.max(ny).max(1)).max(1);
+    let color = |index: usize| {
+        // Rows go down, y goes up.
+        let (x, y) = (index % (nx * scale) / scale, ny - 1 - index / (nx * scale) / scale);
+        if spots.contains(&[x, y]) {
+            return CAMERA;
+        }
+        match grid.states()[(layer * ny + y) * nx + x] {
+            Occupancy::Unseen => UNSEEN,
+            Occupancy::Free => FREE,
+            Occupancy::Occupied => OCCUPIED,
+        }
+    };
+    small_jpeg(nx * scale, ny * scale, &color)
 }
 
 /// Pictures of a few images, evenly over the scan; none of images that the shelf has not kept.
@@ -90,7 +135,7 @@ fn small_jpeg(width: usize, height: usize, color: &dyn Fn(usize) -> [u8; 3]) -> 
 pub(crate) fn section(
     html: &mut String,
     summary: &Summary,
-    pictures: &[DepthPicture],
+    pictures: &SurfacePictures,
 ) -> std::fmt::Result {
     let Some(dense) = &summary.dense else { return Ok(()) };
     html.push_str("<h2>Surface</h2>");
@@ -125,13 +170,17 @@ pub(crate) fn section(
         )?;
     }
     html.push_str("</table>");
-    if !pictures.is_empty() {
-        html.push_str(
-            "<p>Photos and their depth maps: yellow is near, violet far, pale concluded from the \
-             surroundings, dark unknown.</p><table>",
-        );
+    if let Some(space) = &dense.free_space {
+        free_space(html, space, unit, pictures.plan.as_deref())?;
     }
-    for picture in pictures {
+    if pictures.depths.is_empty() {
+        return Ok(());
+    }
+    html.push_str(
+        "<p>Photos and their depth maps: yellow is near, violet far, pale concluded from the \
+         surroundings, dark unknown.</p><table>",
+    );
+    for picture in &pictures.depths {
         let [photo, depth] = [&picture.photo, &picture.depth].map(|jpeg| base64(jpeg));
         let name = escape(&picture.image);
         write!(
@@ -140,9 +189,50 @@ pub(crate) fn section(
              <td><br><img alt='its depth' src='data:image/jpeg;base64,{depth}'>"
         )?;
     }
-    if !pictures.is_empty() {
-        html.push_str("</table>");
+    html.push_str("</table>");
+    Ok(())
+}
+
+/// Free space and where it ends without a surface.
+fn free_space(
+    html: &mut String,
+    space: &FreeSpaceSummary,
+    unit: &str,
+    plan: Option<&[u8]>,
+) -> std::fmt::Result {
+    let FreeSpaceSummary { voxel, free, occupied, .. } = space;
+    write!(
+        html,
+        "<h3>Free space</h3><p>Cameras saw through {free:.1} {unit}³; {occupied:.1} {unit}³ hold \
+         surfaces, in voxels of {voxel:.3} {unit}.</p>"
+    )?;
+    if let Some(plan) = plan {
+        write!(
+            html,
+            "<p>At the height of the cameras, from above: green free, black surfaces, gray unseen, \
+             blue cameras.</p><p><img alt='free space' src='data:image/jpeg;base64,{}'></p>",
+            base64(plan)
+        )?;
     }
+    if space.unseen_areas.is_empty() {
+        return Ok(());
+    }
+    write!(
+        html,
+        "<p>Here free space ends without a surface; photos that look there add to the map:</p>\
+         <table><tr><th>area<th class=n>middle, {unit}<th class=n>box, {unit}<th class=n>{unit}²"
+    )?;
+    for area in &space.unseen_areas {
+        let [[x, y, z], [a, b, c]] = [area.center, area.size];
+        let name = escape(&area.name);
+        write!(
+            html,
+            "<tr><td>{name}<td class=n>{x:.1}, {y:.1}, {z:.1}<td class=n>{a:.1} × {b:.1} × {c:.1}\
+             <td class=n>{:.1}",
+            area.area
+        )?;
+    }
+    html.push_str("</table>");
     Ok(())
 }
 

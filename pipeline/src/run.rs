@@ -76,7 +76,7 @@ pub(crate) fn reconstruct(
         Err(error) => {
             if !error.is_cancelled() && trace.ingested.is_some() {
                 let summary = report::summarize(spec, &trace, None, Some(&error), &clock);
-                report::write(&summary, None, &[], out_dir)?;
+                report::write(&summary, None, &trace.surface.pictures, out_dir)?;
             }
             Err(error)
         }

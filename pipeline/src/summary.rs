@@ -96,9 +96,42 @@ pub struct DenseSummary {
     pub num_inferred: usize,
     /// Least distance between points, in units of the map; finer detail is averaged.
     pub spacing: Option<f64>,
+    /// Where there is air.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub free_space: Option<FreeSpaceSummary>,
     /// Why there is no cloud.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<PipelineError>,
+}
+
+/// What is known of the space between the surfaces. Volumes in cubic units of the map.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct FreeSpaceSummary {
+    /// Edge of a voxel.
+    pub voxel: f64,
+    /// Voxels along x, y and z.
+    pub size: [usize; 3],
+    /// Volume that cameras saw through.
+    pub free: f64,
+    /// Volume of the voxels with a surface in them.
+    pub occupied: f64,
+    /// Volume that nobody saw, also behind walls.
+    pub unseen: f64,
+    /// Where free space ends without a surface, the largest first.
+    pub unseen_areas: Vec<UnseenAreaSummary>,
+}
+
+/// A part of the border between free space and what nobody saw.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct UnseenAreaSummary {
+    /// In the report.
+    pub name: String,
+    /// Its middle, in the map.
+    pub center: [f64; 3],
+    /// Sides of the box around it.
+    pub size: [f64; 3],
+    /// In square units of the map.
+    pub area: f64,
 }
 
 /// What came of the meshing.

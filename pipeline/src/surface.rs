@@ -12,10 +12,11 @@ use crate::{
     error::PipelineError,
     export::write_info,
     files::Files,
+    free_space::{described, free_space},
     map_folder::{MapInfo, file},
     mesh::{mesh, textured_glb},
     options::StageOptions,
-    report_surface::DepthPicture,
+    report_surface::{SurfacePictures, plan},
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
 };
@@ -29,7 +30,7 @@ pub(crate) struct SurfaceTrace {
     pub(crate) dense: Option<DenseSummary>,
     pub(crate) mesh: Option<MeshSummary>,
     pub(crate) stages: Vec<StageReport>,
-    pub(crate) pictures: Vec<DepthPicture>,
+    pub(crate) pictures: SurfacePictures,
 }
 
 /// Adds the dense cloud and the mesh to the map folder, as far as the job asks for them and they
@@ -51,9 +52,16 @@ pub(crate) fn add_surface(
     let watch = Stopwatch::start();
     let made = Cache::open(work_dir, "dense").and_then(|cache| {
         let units = Cache::open(work_dir, UNITS)?;
-        let dense = dense(files, &map.model, options, [&cache, &units], progress)?;
+        let mut dense = dense(files, &map.model, options, [&cache, &units], progress)?;
+        let maps = depth_maps(&map.model, options, &dense, &units);
+        let grid = free_space(&dense, &map.model, maps, &cache, progress)?;
+        let (bytes, free_space) = described(&grid);
+        trace.pictures.plan = plan(&grid, &map.model);
         write_atomic(&out_dir.join(file::DENSE), &dense.ply)?;
+        write_atomic(&out_dir.join(file::FREE_SPACE), &bytes)?;
         info.num_dense_points = Some(dense.cloud.points.len());
+        info.free_space_voxel = Some(free_space.voxel);
+        dense.summary.free_space = Some(free_space);
         write_info(&info, out_dir)?;
         Ok(dense)
     });
@@ -68,7 +76,7 @@ pub(crate) fn add_surface(
     let units = dense.summary.num_depth_maps;
     trace.stages.push(watch.stage("dense", units, usize::from(dense.cached) * units));
     trace.dense = Some(dense.summary.clone());
-    trace.pictures.clone_from(&dense.pictures);
+    trace.pictures.depths.clone_from(&dense.pictures);
     if !spec.runs(StageGroup::Mesh) {
         return Ok(trace);
     }

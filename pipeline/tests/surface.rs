@@ -9,10 +9,10 @@ use std::{
 };
 
 use support::{Folder, Scan, StopIn};
-use volery_formats::{read_ply_of_cloud, read_ply_of_mesh};
+use volery_formats::{read_occupancy, read_ply_of_cloud, read_ply_of_mesh};
 use volery_geometry::{KdTree, Point3, Rng, kd_tree::Neighbor};
 use volery_pipeline::{JobSpec, MapFolder, Preset, StageGroup, Summary, map_folder, reconstruct};
-use volery_scene::{NoProgress, Progress, Stage, TriangleMesh};
+use volery_scene::{NoProgress, Occupancy, Progress, Stage, TriangleMesh};
 
 /// A scan whose map lies in the frame of the hall.
 fn scan(folder: &Path) -> (Scan, JobSpec) {
@@ -26,7 +26,8 @@ fn scan(folder: &Path) -> (Scan, JobSpec) {
     (scan, spec)
 }
 
-const FILES: [&str; 5] = ["map.json", "dense.ply", "mesh.ply", "map.glb", "poses.csv"];
+const FILES: [&str; 6] =
+    ["map.json", "dense.ply", "freespace.bin", "mesh.ply", "map.glb", "poses.csv"];
 
 fn files(folder: &Path) -> Vec<Vec<u8>> {
     FILES.iter().map(|name| fs::read(folder.join(name)).unwrap()).collect()
@@ -112,6 +113,28 @@ fn check_against_the_hall(scan: &Scan, out: &Path, summary: &Summary) {
     assert_eq!(&fs::read(out.join("map.glb")).unwrap()[..4], b"glTF");
 }
 
+/// Free is air, by what the photos alone tell; what stands in the hall is not.
+fn check_free_space(scan: &Scan, out: &Path, summary: &Summary) {
+    let grid = read_occupancy(&fs::read(out.join("freespace.bin")).unwrap()).unwrap();
+    let told = summary.dense.as_ref().unwrap().free_space.as_ref().unwrap();
+    assert_eq!((told.voxel, told.size), (grid.voxel(), grid.size()));
+    assert_eq!(map_folder::read_info(out).unwrap().free_space_voxel, Some(grid.voxel()));
+    let volume = |state| grid.count(state) as f64 * grid.voxel().powi(3);
+    assert!((told.free - volume(Occupancy::Free)).abs() < 1e-9);
+    assert!(told.free > 4.0, "{} m³ of 168 are free", told.free);
+    let room = &scan.hall.room;
+    let states = grid.states().iter().enumerate();
+    let free = states.filter(|(_, state)| **state == Occupancy::Free);
+    let centers: Vec<Point3<f64>> = free.map(|(index, _)| grid.center(index)).collect();
+    let is_buried = |center: &Point3<f64>| {
+        !room.is_free(center, 0.0) && room.distance_to_surface(center) > 0.05
+    };
+    let num_buried = centers.iter().filter(|center| is_buried(center)).count();
+    assert_eq!(num_buried, 0, "of {} free voxels", centers.len());
+    // The scan looks into half of the hall: its other half is an unseen area.
+    assert!(!told.unseen_areas.is_empty() && told.unseen_areas[0].area > 1.0);
+}
+
 /// True to the hall, and the same bytes for any number of threads and however often it is stopped.
 #[test]
 fn photos_become_a_mesh_that_is_true_to_the_hall() {
@@ -124,9 +147,12 @@ fn photos_become_a_mesh_that_is_true_to_the_hall() {
     assert_eq!(summary.num_registered, spec.images.len(), "{:?}", summary.quality);
     assert_eq!(summary.surface_error(), None);
     check_against_the_hall(&scan, &calm, &summary);
+    check_free_space(&scan, &calm, &summary);
     let report = fs::read_to_string(calm.join("report.html")).unwrap();
     assert!(report.contains("<h2>Surface</h2>"));
-    assert_eq!(report.matches("data:image/jpeg;base64,/9j/").count(), 8, "photos beside depths");
+    assert!(report.contains("<h3>Free space</h3>") && report.contains("unseen 1"));
+    let num_pictures = report.matches("data:image/jpeg;base64,/9j/").count();
+    assert_eq!(num_pictures, 9, "a plan, and four photos beside their depths");
 
     let work = folder.0.join("work-rough");
     for stage in [Stage::DepthMaps, Stage::Fusion, Stage::Meshing, Stage::Texturing] {

@@ -95,6 +95,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(images::image_thumbnail))
         .routes(routes!(maps::align_map))
         .routes(routes!(exports::map_points))
+        .routes(routes!(exports::map_free_space))
         .routes(routes!(exports::export))
         .routes(routes!(localize::localize))
         .routes(routes!(localize::localize_in_maps))

@@ -31,6 +31,7 @@ async fn exports_have_tags_and_ranges() {
     for (name, start) in [
         ("poses.csv", &b"image,"[..]),
         ("dense.ply", b"many points"),
+        ("freespace.bin", b"VOLOCC01"),
         ("mesh.ply", b"a surface"),
         ("colmap.zip", b"PK"),
         ("colmap_bin.zip", b"PK"),
@@ -44,6 +45,8 @@ async fn exports_have_tags_and_ranges() {
         let again = client.get(&path).await.expect(200);
         assert_eq!(first.header("etag"), again.header("etag"), "{name}: equal maps, equal bytes");
     }
+    let grid = client.get(&format!("/v1/maps/{map}/freespace")).await.expect(200);
+    assert_eq!(grid.body, b"VOLOCC01");
     let none = client.get(&format!("/v1/maps/{map}/export/secret.txt")).await.expect(404);
     assert_eq!(none.code(), "not_found");
     for path in ["..%2f..%2fvolery.db", "%2e%2e/%2e%2e/volery.db"] {

@@ -98,6 +98,13 @@ impl Client {
         Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
     }
 
+    /// Where the air of a map is free, occupied or unseen: a grid of voxels as `openapi.yaml`
+    /// describes it.
+    pub async fn map_free_space(&self, id: Uuid) -> Result<bytes::Bytes, ClientError> {
+        let path = format!("/v1/maps/{id}/freespace");
+        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+    }
+
     /// What a virtual camera sees of the active version of a map: a PNG, or for
     /// [`volery_api::RenderWhat::DepthF32`] the depths.
     pub async fn render_map(

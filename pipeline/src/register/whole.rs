@@ -70,6 +70,7 @@ impl Whole {
             scale,
             quality: quality(parts, poses),
             num_dense_points: None,
+            free_space_voxel: None,
             num_triangles: None,
             map_from_index: None,
             seed,

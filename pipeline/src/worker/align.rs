@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, Point2, Point3, Quaternion, Similarity3, UnitQuaternio
 use serde_json::{Value, json};
 use volery_api::{AlignRequest, ControlPoint};
 use volery_formats::{
-    move_glb, read_ply_of_cloud, read_ply_of_mesh, write_ply_of_cloud, write_ply_of_mesh,
+    move_glb, read_occupancy, read_ply_of_cloud, read_ply_of_mesh, write_occupancy,
+    write_ply_of_cloud, write_ply_of_mesh,
 };
 use volery_geometry::{similarity_from_points, triangulation::triangulate_linear};
 use volery_scene::{
@@ -44,12 +45,13 @@ pub(crate) fn align_folder(
     info.scale = map.scale;
     info.gravity = map.gravity;
     info.bounds = bounds(&map.model);
+    info.free_space_voxel = info.free_space_voxel.map(|voxel| voxel * new_from_map.scaling());
     write_files(&map, &info, &index, out_dir, &NoProgress)?;
     move_surface(map_dir, out_dir, &info, &new_from_map)?;
     Ok(residuals)
 }
 
-/// Dense cloud and mesh, as far as the map has them.
+/// Dense cloud, free space and mesh, as far as the map has them.
 fn move_surface(
     map_dir: &Path,
     out_dir: &Path,
@@ -72,6 +74,12 @@ fn move_surface(
             point.normal = rotation * point.normal;
         }
         write(file::DENSE, &write_ply_of_cloud(&cloud))?;
+    }
+    if info.free_space_voxel.is_some() {
+        let grid =
+            read_occupancy(&read(file::FREE_SPACE)?).map_err(|e| bad(file::FREE_SPACE, &e))?;
+        let moved = grid.moved(new_from_map).ok_or_else(|| degenerate("the scale is absurd"))?;
+        write(file::FREE_SPACE, &write_occupancy(&moved))?;
     }
     if info.num_triangles.is_some() {
         let mut mesh = read_ply_of_mesh(&read(file::MESH)?).map_err(|e| bad(file::MESH, &e))?;

@@ -21,10 +21,11 @@ use crate::{
 };
 
 /// Names under `export/`.
-pub(crate) const EXPORTS: [&str; 13] = [
+pub(crate) const EXPORTS: [&str; 14] = [
     "poses.csv",
     "sparse.ply",
     "dense.ply",
+    "freespace.bin",
     "mesh.ply",
     "map.glb",
     "transforms.json",
@@ -74,6 +75,26 @@ pub(crate) async fn map_points(
 ) -> ApiResult<Response> {
     let version = app.store.version(id, query.version).await?;
     answer_export(&app, &version, "sparse.ply", &headers).await
+}
+
+/// Where the air of a map is free: `VOLOCC01`, then as f64 the rotation of the grid in the map
+/// (quaternion w x y z), its origin (the least corner of the first voxel) and the edge of a voxel, as
+/// u32 the voxels along x, y and z, then runs of equal states, x first: u8 (0 unseen, 1 free,
+/// 2 occupied) and their number as LEB128. All little endian. Outside of the grid all is unseen.
+#[utoipa::path(get, path = "/v1/maps/{id}/freespace", tag = "maps",
+    params(VersionQuery, ("id" = Uuid, Path, description = "Of the map")),
+    responses((status = 200, description = "The grid", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 206, description = "A range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "It is what the client has")))]
+pub(crate) async fn map_free_space(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<Uuid>,
+    Asked(query): Asked<VersionQuery>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let version = app.store.version(id, query.version).await?;
+    answer_export(&app, &version, "freespace.bin", &headers).await
 }
 
 async fn answer_export(

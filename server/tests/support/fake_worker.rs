@@ -107,6 +107,7 @@ fn write_map(folder: &Path, names: &[String], maps: &Value) {
         ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
         ("sparse.ply", "0123456789".to_owned()),
         ("dense.ply", "many points".to_owned()),
+        ("freespace.bin", "VOLOCC01".to_owned()),
         ("mesh.ply", "a surface".to_owned()),
         ("report.json", "{}".to_owned()),
         ("report.html", "<p>fine</p>".to_owned()),

@@ -10,6 +10,7 @@ pub mod exif;
 pub mod features_file;
 pub mod glb;
 pub mod jpeg;
+pub mod occupancy_file;
 pub mod ply;
 pub mod poses_csv;
 pub mod positions_csv;
@@ -35,6 +36,7 @@ pub use glb::{
     write_glb_of_textured_mesh,
 };
 pub use jpeg::{WriteJpegError, write_jpeg};
+pub use occupancy_file::{OccupancyFileError, read_occupancy, write_occupancy};
 pub use ply::{
     PlyCloud, PlyError, read_ply, read_ply_of_cloud, read_ply_of_mesh, write_ply,
     write_ply_of_cloud, write_ply_of_mesh, write_ply_of_model,

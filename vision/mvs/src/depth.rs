@@ -16,9 +16,9 @@ use crate::working_image::{Level, NUM_LEVELS, WorkingImage};
 
 /// Iterations at each size, finest first: the coarsest starts from the sparse points and from
 /// chance, the others from the size before.
-const SWEEPS: [u64; NUM_LEVELS] = [1, 3, 5];
+const SWEEPS: [u64; NUM_LEVELS] = [2, 2, 4];
 /// Iterations once other depth maps have a say.
-const GEOMETRIC_SWEEPS: u64 = 2;
+const GEOMETRIC_SWEEPS: u64 = 1;
 /// Iterations after which the sources that judge are chosen anew.
 const SUMMON_EVERY: u64 = 2;
 

@@ -27,6 +27,7 @@ pub mod shelf;
 mod simd;
 mod source;
 mod thinning;
+mod unseen;
 mod working_image;
 
 pub use dense::{Dense, DenseError, DenseOptions, depth_map, reconstruct_dense, small_photo};
@@ -35,3 +36,4 @@ pub use free_space::SpaceCarver;
 pub use fusion::fuse_depth_maps;
 pub use shelf::{Item, MemoryShelf, NotKept, Shelf};
 pub use thinning::thin_cloud;
+pub use unseen::{UnseenArea, unseen_areas};

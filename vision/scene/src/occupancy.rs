@@ -1,6 +1,6 @@
 //! Where there is air, where there is something, and where nobody looked.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Similarity3, Vector3};
 
 /// What is known of a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
@@ -131,13 +131,12 @@ impl OccupancyGrid {
         self.states.iter().filter(|&&other| other == state).count()
     }
 
-    /// The grid of the map after `x ↦ scale · (moved_from_map x)`.
-    ///
-    /// `None` unless the scale is positive and finite.
-    pub fn moved(self, moved_from_map: &Isometry3<f64>, scale: f64) -> Option<Self> {
-        let voxel = self.voxel * scale;
-        let mut map_from_grid = moved_from_map * self.map_from_grid;
-        map_from_grid.translation.vector *= scale;
+    /// The grid of the moved map. `None` if it is too small or too large for numbers.
+    pub fn moved(self, moved_from_map: &Similarity3<f64>) -> Option<Self> {
+        let voxel = self.voxel * moved_from_map.scaling();
+        let origin = moved_from_map * Point3::from(self.map_from_grid.translation.vector);
+        let rotation = moved_from_map.isometry.rotation * self.map_from_grid.rotation;
+        let map_from_grid = Isometry3::from_parts(origin.into(), rotation);
         let sound = voxel.is_finite() && voxel > 0.0;
         sound.then_some(Self { map_from_grid, voxel, ..self })
     }
@@ -223,16 +222,20 @@ mod tests {
     fn a_moved_map_takes_its_grid_along() {
         let mut grid = grid();
         grid.states_mut()[17] = Occupancy::Occupied;
-        let motion = Isometry3::new(Vector3::new(1.0, -2.0, 3.0), Vector3::new(0.2, -0.3, 0.4));
-        let scale = 2.5;
-        let moved = grid.clone().moved(&motion, scale).unwrap();
+        let turn = Vector3::new(0.2, -0.3, 0.4);
+        let motion = Similarity3::new(Vector3::new(1.0, -2.0, 3.0), turn, 2.5);
+        let moved = grid.clone().moved(&motion).unwrap();
         for index in 0..grid.states().len() {
-            let center = Point3::from((motion * grid.center(index)).coords * scale);
+            let center = motion * grid.center(index);
             assert!((moved.center(index) - center).norm() < 1e-9);
             assert_eq!(moved.state_at(&center), grid.states()[index]);
         }
-        assert_eq!(grid.clone().moved(&motion, 0.0), None);
-        assert_eq!(OccupancyGrid::unseen(motion, f64::NAN, [1; 3]), None);
-        assert_eq!(OccupancyGrid::unseen(motion, 1.0, [usize::MAX, 2, 1]), None);
+    }
+
+    #[test]
+    fn no_grid_has_impossible_voxels() {
+        let pose = Isometry3::identity();
+        assert_eq!(OccupancyGrid::unseen(pose, f64::NAN, [1; 3]), None);
+        assert_eq!(OccupancyGrid::unseen(pose, 1.0, [usize::MAX, 2, 1]), None);
     }
 }
