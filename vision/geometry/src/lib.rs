@@ -12,6 +12,7 @@ pub mod epipolar;
 pub mod frames;
 pub mod homography;
 pub mod kd_tree;
+pub mod linearization;
 pub mod perturbation;
 pub mod rng;
 pub mod simd_level;
@@ -21,6 +22,7 @@ pub mod triangulation;
 pub use alignment::{AlignError, isometry_from_points, similarity_from_points};
 pub use camera::{Camera, CameraError, CameraModel, MAX_CAMERA_PARAMS, Projection};
 pub use kd_tree::{KdTree, Neighbor};
+pub use linearization::{Linearized, linearize};
 pub use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion,
     Vector2, Vector3,

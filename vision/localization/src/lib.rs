@@ -8,7 +8,6 @@ mod acceptance;
 mod bytes;
 mod correspondences;
 mod guided;
-mod jacobians;
 mod map_noise;
 mod map_share;
 mod near;

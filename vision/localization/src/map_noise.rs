@@ -7,10 +7,8 @@ mod reduced;
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix2, Matrix3, Point3, Vector2, Vector6};
-use volery_geometry::median;
+use volery_geometry::{Linearized, linearize, median};
 use volery_scene::{ImageId, Observation, Point3d, PointId, SparseModel};
-
-use crate::jacobians::{Linearized, linearize};
 
 /// No detector is finer, pixels per coordinate.
 const MIN_SIGMA_PX: f64 = 0.1;

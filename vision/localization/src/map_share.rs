@@ -4,10 +4,9 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix6, Vector6};
-use volery_geometry::Camera;
+use volery_geometry::{Camera, linearize};
 
 use crate::LocalizationIndex;
-use crate::jacobians::linearize;
 use crate::refine::{Sight, WeightedPose};
 
 /// Covariance of the left perturbation of a pose by the errors δ of the map's poses. Points follow

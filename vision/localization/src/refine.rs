@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{
     Isometry3, Matrix2, Matrix2x3, Matrix2x6, Matrix3, Matrix6, Point2, Point3, Vector2, Vector6,
 };
-use volery_geometry::{Camera, median, perturbed};
-
-use crate::jacobians::linearize;
+use volery_geometry::{Camera, linearize, median, perturbed};
 
 /// A pixel, the point that it sees, and the covariance of that point's position.
 pub(crate) struct Sight {

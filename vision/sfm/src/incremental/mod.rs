@@ -6,6 +6,7 @@ mod loop_closure;
 mod next_view;
 mod points;
 mod projection;
+mod re_resection;
 mod resection;
 pub(crate) mod working;
 
@@ -48,6 +49,11 @@ const MAX_FINAL_ROUNDS: usize = 5;
 const LOSS_MEDIANS: f64 = 2.0;
 /// Rounds of looking for the points in further images.
 const NUM_SEARCHES: usize = 1;
+/// Rounds of placing images anew by what the others see.
+const MAX_RE_RESECTIONS: usize = 3;
+/// Cost, in logarithms of likelihood, by which a round must help: far beyond what a pose gains by
+/// its six freedoms.
+const MIN_GAIN: f64 = 10.0;
 /// The end: a round changed a smaller part of the sightings.
 const STEADY_FRACTION: f64 = 5e-4;
 
@@ -240,9 +246,33 @@ impl WorkingModel<'_> {
             self.adjust_all(&self.narrowed(&GLOBAL), progress)?;
             self.update_tracks();
         }
-        self.adjust_all(&self.narrowed(&FINAL), progress)?;
+        self.adjust_finally(progress)?;
         self.filter_points();
         self.drop_weak_images();
+        Ok(())
+    }
+
+    /// The last adjustments, each after the first from where images that the others contradict
+    /// were placed anew, as long as that lowers the cost by more than chance.
+    fn adjust_finally(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
+        let options = self.narrowed(&FINAL);
+        let scale_px = options.loss_scale_px.unwrap_or(1.0);
+        self.adjust_all(&options, progress)?;
+        for _ in 0..MAX_RE_RESECTIONS {
+            let moved = self.poses_by_the_others();
+            if moved.is_empty() {
+                break;
+            }
+            let mut anew = self.clone();
+            for (image, pose) in moved {
+                anew.poses[image] = Some(pose);
+            }
+            anew.adjust_all(&options, progress)?;
+            if anew.robust_cost(scale_px) > self.robust_cost(scale_px) - MIN_GAIN {
+                break;
+            }
+            *self = anew;
+        }
         Ok(())
     }
 
