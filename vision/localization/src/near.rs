@@ -1,12 +1,11 @@
 //! The pose of an image when it is nearly known already: between frames of a flight.
 
 use nalgebra::{Isometry3, Point2};
-use volery_geometry::{Camera, median};
+use volery_geometry::{Camera, linearize, median};
 use volery_scene::Features;
 
 use crate::acceptance::{Evidence, MIN_CONFIRMED, covariance_in_map, judge};
 use crate::correspondences::Pair;
-use crate::jacobians::linearize;
 use crate::localize::{LocalizeOptions, NotFoundReason, PoseEstimate, Status};
 use crate::map_share::map_share;
 use crate::refine::{Sight, WeightedPose, refine_weighted};
