@@ -178,7 +178,7 @@ mod tests {
             let point =
                 Point3::new(rng.range(-3.0, 3.0), rng.range(-2.0, 2.0), rng.range(3.0, 9.0));
             let seen = camera.project(&(pose * point)).unwrap();
-            let wrong = if index % 8 == 0 { 1.5 } else { 0.0 };
+            let wrong = if index.is_multiple_of(8) { 1.5 } else { 0.0 };
             let noise =
                 nalgebra::Vector2::new(rng.normal() * SIGMA_PX + wrong, rng.normal() * SIGMA_PX);
             Sight { pixel: seen + noise, point, covariance: Matrix3::identity() * 1e-6 }
