@@ -1,5 +1,6 @@
 //! Wire types of openapi.yaml, shared by the service, its child processes and its clients.
 
+pub mod drones;
 pub mod effort;
 pub mod images;
 pub mod jobs;
@@ -11,6 +12,7 @@ pub mod vision;
 pub mod worker;
 pub mod ws;
 
+pub use drones::*;
 pub use effort::*;
 pub use images::*;
 pub use jobs::*;

@@ -11,7 +11,7 @@ mod values;
 
 pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
-use values::{known_distance, position, positive};
+use values::{known_distance, position, positive, udp_address};
 
 /// Photos to metric maps, and photos to poses in them.
 #[derive(Debug, Parser)]
@@ -110,6 +110,18 @@ pub(crate) struct ServeArgs {
     /// Requests from this machine need no token; only with a loopback address.
     #[arg(long)]
     pub(crate) loopback_without_token: bool,
+    /// UDP address that drones send to, as udp:HOST:PORT; without it there are no drones.
+    #[arg(long, value_parser = udp_address)]
+    pub(crate) mavlink: Option<SocketAddr>,
+    /// File with the MAVLink signing key of all drones that have none of their own, 64 hex digits.
+    #[arg(long, requires = "mavlink")]
+    pub(crate) mavlink_key: Option<PathBuf>,
+    /// Take drones that do not sign: whoever reaches the address can then be one.
+    #[arg(long, requires = "mavlink")]
+    pub(crate) insecure_mavlink: bool,
+    /// Oldest pose that is passed on to a drone, milliseconds.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=250))]
+    pub(crate) max_pose_age_ms: u64,
 }
 
 #[derive(Debug, Args)]

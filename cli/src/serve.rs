@@ -2,7 +2,7 @@
 
 use tracing_subscriber::{EnvFilter, fmt};
 use volery_pipeline::PipelineError;
-use volery_server::{Config, serve};
+use volery_server::{Config, MavlinkSettings, serve};
 
 use crate::{
     args::ServeArgs,
@@ -15,12 +15,31 @@ pub(crate) fn run(args: &ServeArgs) -> Outcome {
     let config = Config {
         listen: args.listen,
         loopback_without_token: args.loopback_without_token,
+        mavlink: mavlink(args)?,
         ..Config::new(&args.data, own_program()?)
     };
     runtime()?
         .block_on(serve(config, signalled()))
         .map_err(|e| PipelineError::plain("serve", e.to_string()))?;
     Ok(Ending::Done)
+}
+
+/// The drones' link, if there is to be one.
+fn mavlink(args: &ServeArgs) -> Result<Option<MavlinkSettings>, PipelineError> {
+    let Some(listen) = args.mavlink else { return Ok(None) };
+    let key = args.mavlink_key.as_ref().map(|path| {
+        let bad = |why: String| PipelineError::plain("mavlink_key", why);
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| bad(format!("cannot read {}: {e}", path.display())))?;
+        MavlinkSettings::parse_key(text.trim())
+            .ok_or_else(|| bad(format!("{} does not hold 64 hex digits", path.display())))
+    });
+    Ok(Some(MavlinkSettings {
+        key: key.transpose()?,
+        accept_unsigned: args.insecure_mavlink,
+        max_pose_age: std::time::Duration::from_millis(args.max_pose_age_ms),
+        ..MavlinkSettings::new(listen)
+    }))
 }
 
 /// This program: the service runs it again for its workers.

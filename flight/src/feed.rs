@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use crate::{
     frames::{map_yaw, wrap},
@@ -62,6 +62,23 @@ pub struct PoseFix {
     pub position_sd: f64,
     /// Standard deviation of each angle, radians.
     pub angle_sd: f64,
+}
+
+impl PoseFix {
+    /// From plain numbers, which are checked when the pose is to leave: `position` in the map,
+    /// `orientation` of the body (FLU) as w, x, y, z.
+    pub fn from_numbers(
+        position: [f64; 3],
+        orientation: [f64; 4],
+        captured: Duration,
+        position_sd: f64,
+        angle_sd: f64,
+    ) -> Self {
+        let [w, x, y, z] = orientation;
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+        let map_from_body = Isometry3::from_parts(position.into(), rotation);
+        Self { map_from_body, captured, position_sd, angle_sd }
+    }
 }
 
 /// Why a pose does not leave.

@@ -248,3 +248,6 @@ fn covariance(sd: Option<(f64, f64)>) -> [f32; 21] {
     }
     upper
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,8 +25,8 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        cameras, exports, images, imagesets, jobs, localize, maps, priors, render, service, tokens,
-        uploads,
+        cameras, drones, exports, images, imagesets, jobs, localize, maps, priors, render, service,
+        tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -80,6 +80,14 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(maps::list_versions))
         .routes(routes!(maps::activate_version))
         .routes(routes!(maps::map_cameras))
+        .routes(routes!(drones::list_drones))
+        .routes(routes!(drones::get_drone, drones::put_drone, drones::delete_drone))
+        .routes(routes!(drones::drone_state))
+        .routes(routes!(drones::drone_events))
+        .routes(routes!(drones::command_drone))
+        .routes(routes!(drones::drone_command))
+        .routes(routes!(drones::drone_pose))
+        .routes(routes!(drones::all_stop))
 }
 
 /// Routes that write what they take to the disk as it comes.

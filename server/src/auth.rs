@@ -1,7 +1,7 @@
 //! Who asks, and what they may.
 
 use std::{
-    collections::{HashMap, HashSet},
+    collections::HashMap,
     net::{IpAddr, Ipv4Addr},
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
@@ -60,7 +60,7 @@ pub(crate) struct Guard {
 struct Kept {
     failures: HashMap<IpAddr, (u32, Instant)>,
     /// Hashes that were valid before: a flood of guesses does not lock their owners out.
-    known: HashSet<[u8; 32]>,
+    known: HashMap<[u8; 32], Caller>,
 }
 
 impl Guard {
@@ -72,7 +72,7 @@ impl Guard {
             kept.failures.remove(&address);
             return Ok(());
         }
-        if failures < MAX_FAILURES || kept.known.contains(hash) {
+        if failures < MAX_FAILURES || kept.known.contains_key(hash) {
             return Ok(());
         }
         let retry_after_s = (since + window - now).as_secs() + 1;
@@ -90,12 +90,17 @@ impl Guard {
         kept.failures.entry(address).or_insert((0, now)).0 += 1;
     }
 
-    fn passed(&self, hash: [u8; 32]) {
+    fn passed(&self, hash: [u8; 32], caller: Caller) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.known.len() >= MAX_KEPT {
             kept.known.clear();
         }
-        kept.known.insert(hash);
+        kept.known.insert(hash, caller);
+    }
+
+    fn known(&self, hash: &[u8; 32]) -> Option<Caller> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.known.get(hash).cloned()
     }
 }
 
@@ -147,8 +152,9 @@ async fn authenticate(parts: &Parts, app: &App) -> ApiResult<Caller> {
         return Err(ApiError::new(Code::TokenExpired, "the token has expired")
             .hint("ask an admin for a new one"));
     }
-    app.guard.passed(hash);
-    Ok(Caller { id: token.id, role: token.role })
+    let caller = Caller { id: token.id, role: token.role };
+    app.guard.passed(hash, caller.clone());
+    Ok(caller)
 }
 
 macro_rules! callers {
@@ -183,8 +189,29 @@ callers! {
     Viewer
     /// A token that may make things.
     Mapper
+    /// A token that may command drones.
+    Pilot
     /// A token that may hand out tokens.
     Admin
+}
+
+/// A token that may stop drones: a pilot's that is valid, or was when it was last used. To stop is
+/// always safe, so it does not wait for the database.
+#[derive(Debug, Clone)]
+pub(crate) struct Stopper(pub(crate) Caller);
+
+impl FromRequestParts<Arc<App>> for Stopper {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, app: &Arc<App>) -> ApiResult<Self> {
+        let known = bearer(&parts.headers)
+            .and_then(|secret| app.guard.known(&hash_secret(secret)))
+            .filter(|caller| caller.role >= Role::Pilot);
+        match known {
+            Some(caller) => Ok(Self(caller)),
+            None => Pilot::from_request_parts(parts, app).await.map(|Pilot(caller)| Self(caller)),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -201,7 +228,7 @@ mod tests {
             guard.failed(address, now);
         }
         assert_eq!(guard.check(address, &[0; 32], now).unwrap_err().code(), "too_many_failures");
-        guard.passed([1; 32]);
+        guard.passed([1; 32], Caller { id: Uuid::nil(), role: Role::Viewer });
         guard.check(address, &[1; 32], now).unwrap();
         guard.check(address, &[0; 32], now + WINDOW).unwrap();
     }

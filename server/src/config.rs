@@ -29,6 +29,33 @@ pub struct Config {
     pub limits: Limits,
     /// Longest time for one answer, uploads and sockets apart.
     pub request_timeout: Duration,
+    /// The drones' link; none when absent.
+    pub mavlink: Option<MavlinkSettings>,
+}
+
+/// The drones' link.
+#[derive(Debug, Clone)]
+pub struct MavlinkSettings {
+    /// UDP address that drones send to.
+    pub listen: SocketAddr,
+    /// Signing key of drones that have none of their own.
+    pub key: Option<[u8; 32]>,
+    /// Whether drones without a key may take part.
+    pub accept_unsigned: bool,
+    /// Oldest pose that is passed on to a drone.
+    pub max_pose_age: Duration,
+}
+
+impl MavlinkSettings {
+    /// Signed drones only.
+    pub fn new(listen: SocketAddr) -> Self {
+        Self { listen, key: None, accept_unsigned: false, max_pose_age: Duration::from_millis(100) }
+    }
+
+    /// A key from 64 hex digits.
+    pub fn parse_key(text: &str) -> Option<[u8; 32]> {
+        crate::fleet::parse_key(text).map(|key| key.0)
+    }
 }
 
 /// How the children are held.
@@ -90,6 +117,7 @@ impl Config {
             jobs: JobSettings::default(),
             limits: default_limits(),
             request_timeout: Duration::from_secs(60),
+            mavlink: None,
         }
     }
 }

@@ -12,6 +12,7 @@ mod clock;
 mod config;
 mod error;
 mod extract;
+mod fleet;
 mod idempotency;
 mod jobs;
 mod metrics;
@@ -25,5 +26,5 @@ mod workers;
 mod ws;
 
 pub use app::{openapi, openapi_yaml};
-pub use config::{Config, JobSettings, WorkerLimits};
+pub use config::{Config, JobSettings, MavlinkSettings, WorkerLimits};
 pub use run::{RunningServer, ServeError, serve, start};

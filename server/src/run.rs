@@ -66,12 +66,20 @@ impl RunningServer {
         format!("http://{}", self.addr)
     }
 
+    /// Where drones are heard, if they are.
+    pub fn mavlink_addr(&self) -> Option<SocketAddr> {
+        self.app.drones.as_ref().map(|drones| drones.address())
+    }
+
     /// Closes down: running jobs are put back into the queue.
     pub async fn stop(self) {
         self.app.closing.cancel();
         for task in self.tasks {
             // A task that panicked has been reported.
             let _ = task.await;
+        }
+        if let Some(drones) = &self.app.drones {
+            drones.close();
         }
         self.app.store.close().await;
     }
@@ -114,6 +122,9 @@ pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result
     let server = start(config).await?;
     let mut out = std::io::stdout().lock();
     writeln!(out, "volery listens on {}", server.url())?;
+    if let Some(address) = server.mavlink_addr() {
+        writeln!(out, "drones are heard on udp:{address}")?;
+    }
     if let Some(token) = &server.admin_token {
         writeln!(out, "admin token (shown this once): {token}")?;
     }

@@ -11,6 +11,7 @@ use crate::{
     auth::Guard,
     config::Config,
     error::{ApiError, ApiResult},
+    fleet::Drones,
     metrics::Metrics,
     poses::Poses,
     store::{Store, blobs::Blobs},
@@ -35,6 +36,8 @@ pub(crate) struct App {
     /// Of drones, by their cameras.
     pub(crate) poses: Poses,
     pub(crate) held_files: Semaphore,
+    /// None when the service has no link to drones.
+    pub(crate) drones: Option<Drones>,
     /// Woken when a job was queued.
     pub(crate) job_queued: Notify,
     /// Woken when a running job was asked to stop.
@@ -50,8 +53,19 @@ impl App {
         std::fs::create_dir_all(config.data.join("jobs"))?;
         let blobs = Blobs::open(&config.data, config.limits.disk_reserve_bytes)?;
         let store = Store::open(&config.data.join("volery.db")).await?;
+        let drones = match &config.mavlink {
+            None => None,
+            Some(settings) => {
+                let drones = Drones::open(settings, &config.data).map_err(ApiError::internal)?;
+                for (id, drone) in store.drones().await? {
+                    drones.register(id, drone);
+                }
+                Some(drones)
+            }
+        };
         let limits = &config.workers;
         Ok(Arc::new(Self {
+            drones,
             decoders: Pool::new(&config, "run-decoder", limits.decoders, limits.decoder_bytes),
             localizers: Pool::new(
                 &config,

@@ -127,3 +127,9 @@ mod tests {
         }
     }
 }
+
+/// `udp:HOST:PORT`.
+pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
+    let address = text.strip_prefix("udp:").ok_or("expected udp:HOST:PORT")?;
+    address.parse().map_err(|e| format!("{e}; expected udp:HOST:PORT"))
+}

@@ -15,6 +15,7 @@
 //! ```
 
 mod client;
+mod drones;
 mod error;
 mod images;
 mod jobs;

@@ -1,4 +1,3 @@
-use nalgebra::UnitQuaternion;
 use volery_geometry::Rng;
 
 use super::*;

@@ -1,6 +1,7 @@
 //! HTTP: a handler parses, calls, answers.
 
 pub(crate) mod cameras;
+pub(crate) mod drones;
 pub(crate) mod exports;
 mod files;
 pub(crate) mod images;

@@ -3,6 +3,7 @@
 pub(crate) mod blobs;
 mod cameras;
 mod collect;
+mod drones;
 mod events;
 mod imagesets;
 mod jobs;
@@ -29,8 +30,10 @@ pub(crate) use jobs::JobRow;
 pub(crate) use leases::{Finish, Lease, LeaseLost};
 pub(crate) use maps::NewVersion;
 
-const MIGRATIONS: [(i64, &str, &str); 1] =
-    [(1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql"))];
+const MIGRATIONS: [(i64, &str, &str); 2] = [
+    (1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql")),
+    (2, "drones", include_str!("../../../migrations/sqlite/0002_drones.sql")),
+];
 
 /// The rows. Writes go through one connection, so a transaction never waits for another.
 #[derive(Debug, Clone)]

@@ -1,0 +1,210 @@
+//! Drones: what they are, what they say, what they are told.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Which MAVLink message carries poses to a drone's estimator.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VisionMessage {
+    /// VISION_POSITION_ESTIMATE.
+    #[default]
+    PositionEstimate,
+    /// ODOMETRY in the frame LOCAL_FRD.
+    Odometry,
+}
+
+/// A drone to be registered, or the settings of one to be replaced.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PutDrone {
+    /// For people.
+    #[schema(min_length = 1, max_length = 200)]
+    pub name: String,
+    /// Its own signing key, 64 hex digits; never shown again. Without it the key of the service is
+    /// its key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub signing_key: Option<String>,
+    /// How it takes poses.
+    #[serde(default)]
+    pub vision: VisionMessage,
+}
+
+/// A drone that is registered, or was heard, or both.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Drone {
+    /// Its MAVLink system id.
+    pub id: u8,
+    /// As registered.
+    pub name: Option<String>,
+    /// Whether it has a key of its own.
+    pub has_own_key: bool,
+    /// How it takes poses.
+    pub vision: VisionMessage,
+    /// What it says; absent when it was not heard.
+    pub state: Option<DroneState>,
+}
+
+/// What a drone says of itself, and what it is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DroneState {
+    /// Its MAVLink system id.
+    pub id: u8,
+    /// When this was so, nanoseconds since the Unix epoch.
+    pub t_ns: u64,
+    /// `ardupilot` or `px4`.
+    pub autopilot: String,
+    /// UDP address.
+    pub endpoint: String,
+    /// How it is heard.
+    pub link: DroneLink,
+    /// Motors may turn.
+    pub armed: bool,
+    /// It may be in the air.
+    pub flying: bool,
+    /// The autopilot acts on its own because something failed.
+    pub failsafe: bool,
+    /// `guided`, `land` or `other`; absent when it was not said.
+    pub mode: Option<String>,
+    /// It flies to the targets of the service.
+    pub in_control: bool,
+    /// Charge, 0 to 1.
+    pub battery: Option<f64>,
+    /// Whether its estimator follows the poses that it is sent: `idle`, `origin`, `feeding`,
+    /// `ready`, `degraded`, `failed`.
+    pub feed: String,
+    /// Age of the latest pose that was sent to it, milliseconds.
+    pub sent_pose_age_ms: Option<f64>,
+    /// Where its estimator is, in the map.
+    pub estimate: Option<DronePlace>,
+    /// Where it is told to be, in the map.
+    pub target: Option<DronePlace>,
+}
+
+/// How a drone is heard.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DroneLink {
+    /// `seen`, `linked`, `stale`, `lost`.
+    pub state: String,
+    /// Since the last heartbeat, milliseconds.
+    pub silence_ms: f64,
+    /// Part of its messages that did not arrive.
+    pub loss: f64,
+    /// There and back, milliseconds.
+    pub round_trip_ms: Option<f64>,
+}
+
+/// A place of a drone in the map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DronePlace {
+    /// In the map, meters.
+    pub position: [f64; 3],
+    /// In the map, meters per second.
+    pub velocity: [f64; 3],
+    /// About the map's z axis, counter-clockwise from x, radians.
+    pub yaw: f64,
+    /// How long ago this was heard, milliseconds; absent for a target.
+    pub age_ms: Option<f64>,
+}
+
+/// What a drone is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum DroneCommand {
+    /// Motors on.
+    Arm {},
+    /// Motors off, on the ground.
+    Disarm {},
+    /// Motors on if they are not, up, and hover.
+    Takeoff {
+        /// Above the place where it stands, meters.
+        height: f64,
+    },
+    /// Straight to a place.
+    Goto(DroneTarget),
+    /// Stop and stay.
+    Hold {},
+    /// Down where it is, motors off.
+    Land {},
+    /// Motors off at once: it falls.
+    Stop {},
+}
+
+/// A place to fly to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DroneTarget {
+    /// In the map, meters.
+    pub position: [f64; 3],
+    /// About the map's z axis, counter-clockwise from x, radians; as it is when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaw: Option<f64>,
+    /// Distance that counts as there, meters; 0.15 when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance_m: Option<f64>,
+    /// Time for it; by the distance when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub timeout_s: Option<f64>,
+}
+
+/// How far a command has come.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct DroneCommandStatus {
+    /// Within the life of the service.
+    pub id: u64,
+    /// System id of the drone.
+    pub drone: u8,
+    /// `accepted`, `sent`, `executing`, `done`, `rejected`, `timed_out`, `superseded`.
+    pub state: String,
+    /// Why it was rejected, in the drone's words.
+    pub detail: Option<String>,
+}
+
+/// The pose of a drone, from any source that knows it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DronePose {
+    /// In the map, meters.
+    pub position: [f64; 3],
+    /// `map_from_body` (x forward, y left, z up); w, x, y, z.
+    pub orientation: [f64; 4],
+    /// Since the image was taken, milliseconds.
+    pub age_ms: f64,
+    /// Standard deviation of each coordinate, meters.
+    pub position_sd: f64,
+    /// Standard deviation of each angle, radians.
+    pub angle_sd: f64,
+}
+
+/// What became of a pose.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct DronePoseAnswer {
+    /// Whether it was sent to the drone.
+    pub sent: bool,
+    /// Why not.
+    pub reason: Option<String>,
+}
+
+/// Drones that were stopped.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct AllStopped {
+    /// One command per drone that was armed.
+    pub commands: Vec<DroneCommandStatus>,
+}
+
+/// Something that happened to a drone.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct DroneEvent {
+    /// Rises by one with every event of any drone.
+    pub seq: u64,
+    /// System id of the drone.
+    pub drone: u8,
+    /// Nanoseconds since the Unix epoch.
+    pub t_ns: u64,
+    /// `link`, `feed`, `armed`, `mode`, `landed`, `rebooted`, `moved`, `text`, `command`, `alert`.
+    pub kind: String,
+    /// The new state, or what was said.
+    pub value: String,
+    /// For people, or the id of the command.
+    pub detail: Option<String>,
+}

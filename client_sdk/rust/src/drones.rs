@@ -1,0 +1,66 @@
+//! Drones.
+
+use reqwest::Method;
+use volery_api::{
+    AllStopped, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer, DroneState,
+    PutDrone,
+};
+
+use crate::{Client, ClientError};
+
+impl Client {
+    /// Drones that are registered or were heard.
+    pub async fn drones(&self) -> Result<Vec<Drone>, ClientError> {
+        self.list("/v1/drones").await
+    }
+
+    /// One drone by its MAVLink system id.
+    pub async fn drone(&self, id: u8) -> Result<Drone, ClientError> {
+        self.get(&format!("/v1/drones/{id}")).await
+    }
+
+    /// What a drone says of itself, and what it is told.
+    pub async fn drone_state(&self, id: u8) -> Result<DroneState, ClientError> {
+        self.get(&format!("/v1/drones/{id}/state")).await
+    }
+
+    /// Registers a drone or replaces its settings.
+    pub async fn put_drone(&self, id: u8, drone: &PutDrone) -> Result<Drone, ClientError> {
+        self.call(Method::PUT, &format!("/v1/drones/{id}"), drone).await
+    }
+
+    /// Commands a drone. It is sent once: a command that is late must not come at all.
+    pub async fn command_drone(
+        &self,
+        id: u8,
+        command: &DroneCommand,
+    ) -> Result<DroneCommandStatus, ClientError> {
+        let path = format!("/v1/drones/{id}/commands");
+        Ok(self.send_once(self.request(Method::POST, &path).json(command)).await?.json().await?)
+    }
+
+    /// How far a command is.
+    pub async fn drone_command(
+        &self,
+        drone: u8,
+        command: u64,
+    ) -> Result<DroneCommandStatus, ClientError> {
+        self.get(&format!("/v1/drones/{drone}/commands/{command}")).await
+    }
+
+    /// Tells where a drone is. It is sent once: an old pose is worth nothing.
+    pub async fn drone_pose(
+        &self,
+        id: u8,
+        pose: &DronePose,
+    ) -> Result<DronePoseAnswer, ClientError> {
+        let path = format!("/v1/drones/{id}/pose");
+        Ok(self.send_once(self.request(Method::POST, &path).json(pose)).await?.json().await?)
+    }
+
+    /// Stops every drone.
+    pub async fn all_stop(&self) -> Result<AllStopped, ClientError> {
+        let make = || self.request(Method::POST, "/v1/all-stop");
+        Ok(self.send(make).await?.json().await?)
+    }
+}

@@ -1,0 +1,13 @@
+//! Drones: one UDP socket, a thread that does nothing else, and everything around it.
+//!
+//! Every decision is made by [`volery_flight::Fleet`], which is pure. Here it gets a socket and a
+//! clock. Whoever changes it sends at once what that calls for: no queue lies between a request
+//! and the wire.
+
+mod journal;
+mod service;
+mod signing_time;
+mod wire;
+
+pub(crate) use service::Drones;
+pub(crate) use wire::key as parse_key;

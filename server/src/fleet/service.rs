@@ -1,0 +1,275 @@
+//! The socket, the clock and the fleet.
+
+use std::{
+    collections::BTreeMap,
+    net::{SocketAddr, UdpSocket},
+    path::Path,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+
+use volery_api::{
+    AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DroneState,
+    PutDrone, VisionMessage,
+};
+use volery_flight::{
+    CommandRefusal, CommandState, Fleet, FleetOptions, Key, PoseRefusal, VehicleId,
+};
+
+use super::{journal::Journal, signing_time::SigningTime, wire};
+use crate::{clock, config::MavlinkSettings};
+
+/// Bytes that may wait while the thread is not running: two seconds of fifty drones.
+const RECEIVE_BUFFER: usize = 8 << 20;
+/// Largest datagram of a drone.
+const MAX_DATAGRAM: usize = 2048;
+/// Longest wait for a datagram: sending is late by this at most.
+const RECEIVE_TIMEOUT: Duration = Duration::from_millis(5);
+/// Between writes of the signing time.
+const KEEP_TIME: Duration = Duration::from_secs(10);
+
+/// Why the drones' link cannot be opened.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot open the drones' link at {0}: {1}")]
+pub(crate) struct DroneLinkError(pub(crate) SocketAddr, pub(crate) std::io::Error);
+
+/// All drones of the service.
+#[derive(Debug)]
+pub(crate) struct Drones {
+    shared: Arc<Shared>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    socket: UdpSocket,
+    address: SocketAddr,
+    start: Instant,
+    closing: AtomicBool,
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+struct State {
+    fleet: Fleet,
+    journal: Journal,
+    registered: BTreeMap<u8, PutDrone>,
+}
+
+impl Drones {
+    /// Opens the socket and starts the thread.
+    pub(crate) fn open(settings: &MavlinkSettings, data: &Path) -> Result<Self, DroneLinkError> {
+        let failed = |error| DroneLinkError(settings.listen, error);
+        let socket = UdpSocket::bind(settings.listen).map_err(failed)?;
+        rustix::net::sockopt::set_socket_recv_buffer_size(&socket, RECEIVE_BUFFER)
+            .map_err(|error| failed(error.into()))?;
+        let granted = rustix::net::sockopt::socket_recv_buffer_size(&socket)
+            .map_err(|error| failed(error.into()))?;
+        socket.set_read_timeout(Some(RECEIVE_TIMEOUT)).map_err(failed)?;
+        let address = socket.local_addr().map_err(failed)?;
+        tracing::info!(%address, granted_bytes = granted, "drones are heard on udp {address}");
+        let time = SigningTime::new(data);
+        let fleet = Fleet::new(FleetOptions {
+            accept_unsigned: settings.accept_unsigned,
+            default_key: settings.key.map(Key),
+            signing_time_at_zero: time.start().map_err(failed)?,
+            max_pose_age: settings.max_pose_age,
+        });
+        let shared = Arc::new(Shared {
+            socket,
+            address,
+            start: Instant::now(),
+            closing: AtomicBool::new(false),
+            state: Mutex::new(State {
+                fleet,
+                journal: Journal::new(),
+                registered: BTreeMap::new(),
+            }),
+        });
+        let thread = std::thread::Builder::new().name("drones".to_owned()).spawn({
+            let shared = Arc::clone(&shared);
+            move || shared.run(&time)
+        });
+        Ok(Self { shared, thread: Mutex::new(Some(thread.map_err(failed)?)) })
+    }
+
+    /// Where drones are heard.
+    pub(crate) fn address(&self) -> SocketAddr {
+        self.shared.address
+    }
+
+    /// Ends the thread.
+    pub(crate) fn close(&self) {
+        self.shared.closing.store(true, Ordering::Relaxed);
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread {
+            // A panic has been reported.
+            let _ = thread.join();
+        }
+    }
+
+    /// Registers a drone, or replaces its settings, whose key must be one.
+    pub(crate) fn register(&self, id: u8, drone: PutDrone) {
+        self.shared.with(|state, _| {
+            let vision = match drone.vision {
+                VisionMessage::PositionEstimate => volery_flight::VisionMessage::PositionEstimate,
+                VisionMessage::Odometry => volery_flight::VisionMessage::Odometry,
+            };
+            let key = drone.signing_key.as_deref().and_then(wire::key);
+            state.fleet.set_key(VehicleId(id), key);
+            state.fleet.set_vision_message(VehicleId(id), vision);
+            state.registered.insert(id, drone);
+        });
+    }
+
+    /// Takes the settings of a drone away. Returns whether it had any.
+    pub(crate) fn unregister(&self, id: u8) -> bool {
+        self.shared.with(|state, now| {
+            state.fleet.set_key(VehicleId(id), None);
+            let was_heard = state.fleet.forget(VehicleId(id), now);
+            state.registered.remove(&id).is_some() || was_heard
+        })
+    }
+
+    /// All drones that are registered or were heard.
+    pub(crate) fn list(&self) -> Vec<Drone> {
+        self.shared.with(|state, now| {
+            let heard = state.fleet.vehicles().map(|vehicle| vehicle.id.0);
+            let ids: std::collections::BTreeSet<u8> =
+                state.registered.keys().copied().chain(heard).collect();
+            ids.into_iter().map(|id| state.drone(id, now)).collect()
+        })
+    }
+
+    /// One of them.
+    pub(crate) fn get(&self, id: u8) -> Option<Drone> {
+        self.shared.with(|state, now| {
+            let drone = state.drone(id, now);
+            (drone.name.is_some() || drone.state.is_some()).then_some(drone)
+        })
+    }
+
+    /// What a drone says of itself.
+    pub(crate) fn state(&self, id: u8) -> Option<DroneState> {
+        self.shared.with(|state, now| {
+            let vehicle = state.fleet.vehicle(VehicleId(id))?;
+            Some(wire::drone_state(vehicle, now, clock::now_ns()))
+        })
+    }
+
+    /// Gives a command.
+    pub(crate) fn command(
+        &self,
+        id: u8,
+        command: &DroneCommand,
+    ) -> Result<DroneCommandStatus, CommandRefusal> {
+        self.shared.with(|state, now| {
+            let vehicle = VehicleId(id);
+            let here = state.fleet.vehicle(vehicle).and_then(|vehicle| vehicle.here());
+            let command = wire::command(command, here);
+            let command_id = state.fleet.command(vehicle, &command, now)?;
+            Ok(wire::command_status(command_id, vehicle, &CommandState::Accepted))
+        })
+    }
+
+    /// How far a command is.
+    pub(crate) fn command_status(&self, id: u64) -> Option<DroneCommandStatus> {
+        self.shared.with(|state, _| state.journal.command(id))
+    }
+
+    /// Sends a pose to a drone's estimator, if it can be true.
+    pub(crate) fn pose(&self, id: u8, pose: &DronePose) -> Result<(), PoseRefusal> {
+        self.shared.with(|state, now| {
+            let fix = wire::pose_fix(pose, now).ok_or(PoseRefusal::NotFinite)?;
+            state.fleet.pose(VehicleId(id), fix, now)
+        })
+    }
+
+    /// Stops all.
+    pub(crate) fn all_stop(&self) -> AllStopped {
+        self.shared.with(|state, now| AllStopped {
+            commands: state
+                .fleet
+                .all_stop(now)
+                .into_iter()
+                .map(|(id, command)| wire::command_status(command, id, &CommandState::Accepted))
+                .collect(),
+        })
+    }
+
+    /// Events of a drone after the one numbered `after`, as far as they are kept.
+    pub(crate) fn events(&self, id: u8, after: u64) -> Vec<DroneEvent> {
+        self.shared.with(|state, _| state.journal.events(id, after))
+    }
+}
+
+impl State {
+    fn drone(&self, id: u8, now: Duration) -> Drone {
+        let registered = self.registered.get(&id);
+        let vehicle = self.fleet.vehicle(VehicleId(id));
+        Drone {
+            id,
+            name: registered.map(|drone| drone.name.clone()),
+            has_own_key: registered.is_some_and(|drone| drone.signing_key.is_some()),
+            vision: registered.map(|drone| drone.vision).unwrap_or_default(),
+            state: vehicle.map(|vehicle| wire::drone_state(vehicle, now, clock::now_ns())),
+        }
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes or reads the fleet, and sends what follows from it before anybody else gets it.
+    fn with<T>(&self, change: impl FnOnce(&mut State, Duration) -> T) -> T {
+        let mut state = self.lock();
+        let now = self.start.elapsed();
+        let result = change(&mut state, now);
+        self.send(&mut state, now);
+        result
+    }
+
+    fn send(&self, state: &mut State, now: Duration) {
+        for datagram in state.fleet.poll(now) {
+            // A drone that cannot be reached is noticed by its silence.
+            if let Err(error) = self.socket.send_to(&datagram.bytes, datagram.to) {
+                tracing::debug!(%error, to = %datagram.to, "datagram not sent");
+            }
+        }
+        let t_ns = clock::now_ns();
+        for event in state.fleet.take_events() {
+            state.journal.write(&event, t_ns);
+        }
+    }
+
+    /// Receives, and sends when it is time, until it is told to end.
+    fn run(&self, signing_time: &SigningTime) {
+        let mut buffer = [0; MAX_DATAGRAM];
+        let mut next_keep = Duration::ZERO;
+        while !self.closing.load(Ordering::Relaxed) {
+            let received = self.socket.recv_from(&mut buffer);
+            let mut state = self.lock();
+            let now = self.start.elapsed();
+            if let Ok((length, from)) = received {
+                state.fleet.receive(&buffer[..length], from, now);
+            }
+            if now >= state.fleet.next_wakeup() {
+                self.send(&mut state, now);
+            }
+            if now >= next_keep {
+                next_keep = now + KEEP_TIME;
+                let time = state.fleet.signing_time(now);
+                drop(state);
+                if let Err(error) = signing_time.keep(time) {
+                    tracing::warn!(%error, "cannot keep the signing time");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Between the types of `volery_flight` and those of the API.
+
+use std::time::Duration;
+
+use volery_api::{
+    DroneCommand, DroneCommandStatus, DroneLink, DronePlace, DronePose, DroneState, DroneTarget,
+};
+use volery_flight::{
+    Alert, Command, CommandId, CommandState, Happening, Key, Landed, Mode, PoseFix, Setpoint,
+    Vehicle, VehicleId,
+};
+use volery_geometry::Point3;
+
+/// Distance that counts as there when nobody says, meters.
+const TOLERANCE: f64 = 0.15;
+/// Slowest flight that is waited for, meters per second, and time for the rest.
+const SLOW: f64 = 0.2;
+const SETTLING: Duration = Duration::from_secs(15);
+/// Longest flight to one place.
+const MAX_TIMEOUT: Duration = Duration::from_secs(600);
+
+pub(super) fn command_status(
+    id: CommandId,
+    drone: VehicleId,
+    state: &CommandState,
+) -> DroneCommandStatus {
+    let detail = match state {
+        CommandState::Rejected(reason) => Some(reason.clone()),
+        _ => None,
+    };
+    DroneCommandStatus { id: id.0, drone: drone.0, state: state.name().to_owned(), detail }
+}
+
+/// Kind, value and detail of an event.
+pub(super) fn happening(happening: &Happening) -> (&'static str, String, Option<String>) {
+    let plain = |kind, value: &str| (kind, value.to_owned(), None);
+    match happening {
+        Happening::Link(state) => plain("link", state.name()),
+        Happening::Feed(state) => plain("feed", state.name()),
+        Happening::Armed(armed) => plain("armed", if *armed { "true" } else { "false" }),
+        Happening::Mode(mode) => plain("mode", &mode.to_string()),
+        Happening::Landed(landed) => plain("landed", landed_name(*landed)),
+        Happening::Rebooted => plain("rebooted", ""),
+        Happening::Moved(address) => plain("moved", &address.to_string()),
+        Happening::Text { severity, text } => ("text", text.clone(), Some(severity.to_string())),
+        Happening::Command { id, state } => {
+            ("command", state.name().to_owned(), Some(id.0.to_string()))
+        }
+        Happening::Alert(alert) => {
+            let detail = match alert {
+                Alert::Holds(_) => Some("holds".to_owned()),
+                Alert::Lands(_) => Some("lands".to_owned()),
+                Alert::PoseRefused(refusal) => Some(refusal.to_string()),
+                Alert::Impostor(from) => Some(from.to_string()),
+                _ => None,
+            };
+            ("alert", alert.name().to_owned(), detail)
+        }
+    }
+}
+
+fn landed_name(landed: Landed) -> &'static str {
+    match landed {
+        Landed::Unknown => "unknown",
+        Landed::Ground => "ground",
+        Landed::Air => "air",
+        Landed::TakingOff => "taking_off",
+        Landed::Landing => "landing",
+    }
+}
+
+pub(super) fn drone_state(vehicle: &Vehicle, now: Duration, t_ns: u64) -> DroneState {
+    let telemetry = &vehicle.telemetry;
+    let ms = |time: Duration| time.as_secs_f64() * 1e3;
+    let age = |at: Duration| ms(now.saturating_sub(at));
+    let link = vehicle.link();
+    DroneState {
+        id: vehicle.id.0,
+        t_ns,
+        autopilot: vehicle.autopilot.name().to_owned(),
+        endpoint: vehicle.address.to_string(),
+        link: DroneLink {
+            state: link.state(now).name().to_owned(),
+            silence_ms: ms(link.silence(now)),
+            loss: link.loss(),
+            round_trip_ms: link.round_trip().map(ms),
+        },
+        armed: telemetry.armed,
+        flying: telemetry.is_flying(),
+        failsafe: telemetry.failsafe,
+        mode: telemetry.mode(vehicle.autopilot).map(|mode| {
+            let name = match mode {
+                Mode::Guided => "guided",
+                Mode::Land => "land",
+                Mode::Other(_) => "other",
+            };
+            name.to_owned()
+        }),
+        in_control: vehicle.is_in_control(),
+        battery: telemetry.battery,
+        feed: vehicle.feed_state().name().to_owned(),
+        sent_pose_age_ms: vehicle.last_pose().map(|fix| age(fix.captured)),
+        estimate: telemetry.motion.zip(telemetry.yaw).map(|(motion, (yaw, _))| DronePlace {
+            position: motion.position.coords.into(),
+            velocity: motion.velocity.into(),
+            yaw,
+            age_ms: Some(age(motion.at)),
+        }),
+        target: vehicle.setpoint().map(|setpoint| DronePlace {
+            position: setpoint.position.coords.into(),
+            velocity: setpoint.velocity.into(),
+            yaw: setpoint.yaw,
+            age_ms: None,
+        }),
+    }
+}
+
+/// A command for a vehicle that is `here`.
+pub(super) fn command(command: &DroneCommand, here: Option<Setpoint>) -> Command {
+    match command {
+        DroneCommand::Arm {} => Command::Arm,
+        DroneCommand::Disarm {} => Command::Disarm,
+        DroneCommand::Takeoff { height } => Command::TakeOff { height: *height },
+        DroneCommand::Goto(target) => go(target, here),
+        DroneCommand::Hold {} => Command::Hold,
+        DroneCommand::Land {} => Command::Land,
+        DroneCommand::Stop {} => Command::CutMotors,
+    }
+}
+
+fn go(target: &DroneTarget, here: Option<Setpoint>) -> Command {
+    let position = Point3::from(target.position);
+    // A vehicle that does not know where it is is refused anyway.
+    let yaw = target.yaw.or(here.map(|here| here.yaw)).unwrap_or(f64::NAN);
+    let distance = here.map_or(0.0, |here| (here.position - position).norm());
+    let by_distance = distance / SLOW + SETTLING.as_secs_f64();
+    let timeout = target.timeout_s.unwrap_or(by_distance);
+    Command::Go {
+        setpoint: Setpoint::at(position, yaw),
+        tolerance: target.tolerance_m.unwrap_or(TOLERANCE),
+        timeout: Duration::try_from_secs_f64(timeout).unwrap_or(MAX_TIMEOUT).min(MAX_TIMEOUT),
+    }
+}
+
+/// A signing key from 64 hex digits.
+pub(crate) fn key(text: &str) -> Option<Key> {
+    if text.len() != 64 || !text.bytes().all(|b| b.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut key = [0; 32];
+    for (byte, at) in key.iter_mut().zip((0..).step_by(2)) {
+        *byte = u8::from_str_radix(&text[at..at + 2], 16).ok()?;
+    }
+    Some(Key(key))
+}
+
+/// A pose that was taken `age_ms` before `now`; `None` when a number cannot be a time.
+pub(super) fn pose_fix(pose: &DronePose, now: Duration) -> Option<PoseFix> {
+    let age = Duration::try_from_secs_f64(pose.age_ms / 1e3).ok()?;
+    // A pose from before the start of the clock is too old by any measure.
+    let captured = now.checked_sub(age).unwrap_or(Duration::ZERO);
+    let (position_sd, angle_sd) = (pose.position_sd, pose.angle_sd);
+    Some(PoseFix::from_numbers(pose.position, pose.orientation, captured, position_sd, angle_sd))
+}

@@ -1,0 +1,190 @@
+//! Drones.
+
+use std::sync::Arc;
+
+use axum::{Json, extract::State};
+use volery_api::{
+    AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DronePoseAnswer,
+    DroneState, EventsQuery, Page, PutDrone,
+};
+use volery_flight::CommandRefusal;
+
+use super::tokens::check_name;
+use crate::{
+    answer::{Accepted, Deleted},
+    auth::{Admin, Pilot, Stopper, Viewer},
+    error::{ApiError, ApiResult, Code},
+    extract::{Asked, At, Body},
+    fleet::{Drones, parse_key},
+    state::App,
+};
+
+fn drones(app: &App) -> ApiResult<&Drones> {
+    app.drones.as_ref().ok_or_else(|| {
+        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
+            .hint("start it with --mavlink")
+    })
+}
+
+fn not_heard(id: u8) -> ApiError {
+    ApiError::not_found("drone", id).hint("GET /v1/drones lists the drones that are heard")
+}
+
+/// Lists drones that are registered or were heard.
+#[utoipa::path(get, path = "/v1/drones", tag = "drones",
+    responses((status = 200, description = "Drones", body = Page<Drone>)))]
+pub(crate) async fn list_drones(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+) -> ApiResult<Json<Page<Drone>>> {
+    Ok(Json(Page { items: drones(&app)?.list(), next_cursor: None }))
+}
+
+/// One drone.
+#[utoipa::path(get, path = "/v1/drones/{id}", tag = "drones",
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "The drone", body = Drone)))]
+pub(crate) async fn get_drone(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<u8>,
+) -> ApiResult<Json<Drone>> {
+    drones(&app)?.get(id).map(Json).ok_or_else(|| not_heard(id))
+}
+
+/// Registers a drone or replaces its settings. Drones need not be registered to be heard.
+#[utoipa::path(put, path = "/v1/drones/{id}", tag = "drones", request_body = PutDrone,
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "The drone", body = Drone)))]
+pub(crate) async fn put_drone(
+    State(app): State<Arc<App>>,
+    _caller: Admin,
+    At(id): At<u8>,
+    Body(drone): Body<PutDrone>,
+) -> ApiResult<Json<Drone>> {
+    let drones = drones(&app)?;
+    check_name(&drone.name)?;
+    if drone.signing_key.as_deref().is_some_and(|key| parse_key(key).is_none()) {
+        let code = Code::Unprocessable("bad_signing_key");
+        return Err(ApiError::new(code, "a signing key has 64 hex digits"));
+    }
+    if id == 0 || id == 255 {
+        let code = Code::Unprocessable("bad_system_id");
+        return Err(ApiError::new(code, "drones have system ids from 1 to 254"));
+    }
+    app.store.put_drone(id, &drone).await?;
+    drones.register(id, drone);
+    drones.get(id).map(Json).ok_or_else(|| not_heard(id))
+}
+
+/// Takes the settings of a drone away; one that is still heard stays in the list.
+#[utoipa::path(delete, path = "/v1/drones/{id}", tag = "drones",
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 204, description = "Gone")))]
+pub(crate) async fn delete_drone(
+    State(app): State<Arc<App>>,
+    _caller: Admin,
+    At(id): At<u8>,
+) -> ApiResult<Deleted> {
+    let drones = drones(&app)?;
+    app.store.delete_drone(id).await?;
+    if drones.unregister(id) { Ok(Deleted) } else { Err(not_heard(id)) }
+}
+
+/// What a drone says of itself, and what it is told.
+#[utoipa::path(get, path = "/v1/drones/{id}/state", tag = "drones",
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "Its state", body = DroneState)))]
+pub(crate) async fn drone_state(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<u8>,
+) -> ApiResult<Json<DroneState>> {
+    drones(&app)?.state(id).map(Json).ok_or_else(|| not_heard(id))
+}
+
+/// What happened to a drone lately.
+#[utoipa::path(get, path = "/v1/drones/{id}/events", tag = "drones",
+    params(("id" = u8, Path, description = "MAVLink system id"), EventsQuery),
+    responses((status = 200, description = "Events", body = Page<DroneEvent>)))]
+pub(crate) async fn drone_events(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At(id): At<u8>,
+    Asked(query): Asked<EventsQuery>,
+) -> ApiResult<Json<Page<DroneEvent>>> {
+    let mut items = drones(&app)?.events(id, query.after.unwrap_or(0));
+    items.truncate(query.limit.unwrap_or(1000) as usize);
+    Ok(Json(Page { items, next_cursor: None }))
+}
+
+/// Commands a drone. The newest command takes the place of the one before.
+#[utoipa::path(post, path = "/v1/drones/{id}/commands", tag = "drones", request_body = DroneCommand,
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 202, description = "It will be sent", body = DroneCommandStatus)))]
+pub(crate) async fn command_drone(
+    State(app): State<Arc<App>>,
+    Pilot(caller): Pilot,
+    At(id): At<u8>,
+    Body(command): Body<DroneCommand>,
+) -> ApiResult<Accepted<DroneCommandStatus>> {
+    let status = drones(&app)?.command(id, &command).map_err(|refusal| refused(id, refusal))?;
+    tracing::info!(token = %caller.id, drone = id, ?command, "drone {id} is commanded");
+    Ok(Accepted(format!("/v1/drones/{id}/commands/{}", status.id), status))
+}
+
+/// How far a command is.
+#[utoipa::path(get, path = "/v1/drones/{id}/commands/{command}", tag = "drones",
+    params(("id" = u8, Path, description = "MAVLink system id"),
+        ("command" = u64, Path, description = "As answered")),
+    responses((status = 200, description = "How far it is", body = DroneCommandStatus)))]
+pub(crate) async fn drone_command(
+    State(app): State<Arc<App>>,
+    _caller: Viewer,
+    At((id, command)): At<(u8, u64)>,
+) -> ApiResult<Json<DroneCommandStatus>> {
+    drones(&app)?
+        .command_status(command)
+        .filter(|status| status.drone == id)
+        .map(Json)
+        .ok_or_else(|| ApiError::not_found("command", command))
+}
+
+/// Tells where a drone is, from any source that knows it: the pose goes to the drone's estimator
+/// if it is fresh and where the drone's own motion can have brought it.
+#[utoipa::path(post, path = "/v1/drones/{id}/pose", tag = "drones", request_body = DronePose,
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "Whether it was sent", body = DronePoseAnswer)))]
+pub(crate) async fn drone_pose(
+    State(app): State<Arc<App>>,
+    _caller: Pilot,
+    At(id): At<u8>,
+    Body(pose): Body<DronePose>,
+) -> ApiResult<Json<DronePoseAnswer>> {
+    let sent = drones(&app)?.pose(id, &pose);
+    let reason = sent.err().map(|refusal| refusal.to_string());
+    Ok(Json(DronePoseAnswer { sent: reason.is_none(), reason }))
+}
+
+/// Stops every drone: those in flight stay where they are, motors on the ground go off. It waits
+/// for nothing.
+#[utoipa::path(post, path = "/v1/all-stop", tag = "drones",
+    responses((status = 200, description = "What was commanded", body = AllStopped)))]
+pub(crate) async fn all_stop(
+    State(app): State<Arc<App>>,
+    Stopper(caller): Stopper,
+) -> ApiResult<Json<AllStopped>> {
+    let stopped = drones(&app)?.all_stop();
+    tracing::warn!(token = %caller.id, drones = stopped.commands.len(), "all drones are stopped");
+    Ok(Json(stopped))
+}
+
+fn refused(id: u8, refusal: CommandRefusal) -> ApiError {
+    match refusal {
+        CommandRefusal::UnknownVehicle => not_heard(id),
+        CommandRefusal::BadNumber => {
+            ApiError::new(Code::Unprocessable(refusal.code()), refusal.to_string())
+        }
+        refusal => ApiError::new(Code::Conflict(refusal.code()), refusal.to_string()),
+    }
+}
