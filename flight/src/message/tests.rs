@@ -98,7 +98,7 @@ fn poses_are_as_pymavlink_writes_them() {
 #[test]
 fn signatures_are_pymavlinks() {
     let key = Key(std::array::from_fn(|i| i as u8));
-    let time = 0x0102_0304_05;
+    let time = 0x0001_0203_0405;
     let bytes = write_frame(STATION, 7, &heartbeat(), Some((&key, 2, time)));
     let golden = "fd09010007ffbe00000000000000060800040399020205040302010042edfab8cf43";
     assert_eq!(hex(&bytes), golden);
