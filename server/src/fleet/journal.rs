@@ -22,11 +22,7 @@ pub(super) struct Journal {
 
 impl Journal {
     pub(super) fn new() -> Self {
-        Self {
-            events: VecDeque::new(),
-            commands: BTreeMap::new(),
-            last_seq: 0,
-        }
+        Self { events: VecDeque::new(), commands: BTreeMap::new(), last_seq: 0 }
     }
 
     pub(super) fn write(&mut self, event: &Event, t_ns: u64) {
