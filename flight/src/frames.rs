@@ -10,7 +10,8 @@ use crate::Setpoint;
 
 /// A vector of the map (FLU) in the local frame (FRD), and back: the turn is its own inverse.
 pub fn local_from_map_vector(v: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(v.x, -v.y, -v.z)
+    // A difference, so that zero stays without a sign: zeros at the end of a message are cut.
+    Vector3::new(v.x, 0.0 - v.y, 0.0 - v.z)
 }
 
 /// A point of the map in the local frame, and back.
@@ -37,7 +38,7 @@ pub fn local_from_map_pose(map_from_body: &Isometry3<f64>) -> Isometry3<f64> {
 /// Roll, pitch and yaw of an attitude, in aerospace order (yaw first).
 pub fn roll_pitch_yaw(attitude: &UnitQuaternion<f64>) -> [f64; 3] {
     let r = attitude.to_rotation_matrix();
-    let pitch = (-r[(2, 0)]).clamp(-1.0, 1.0).asin();
+    let pitch = (0.0 - r[(2, 0)]).clamp(-1.0, 1.0).asin();
     [r[(2, 1)].atan2(r[(2, 2)]), pitch, r[(1, 0)].atan2(r[(0, 0)])]
 }
 
