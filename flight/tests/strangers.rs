@@ -29,7 +29,7 @@ fn nothing_hostile_is_accepted() {
     let mut wrong = Link::new(1, 1, Some(Signing { key: [8; 32], epoch: epoch() }));
     let mut unsigned = Link::new(1, 1, None);
     let mut clone = Link::new(9, 1, Some(Signing { key: [9; 32], epoch: epoch() }));
-    // A recording of the true vehicle's signed heartbeat, which the fleet has heard as well.
+    // A recording of a signed heartbeat that the fleet has heard.
     let mut twin = Link::new(2, 1, Some(Signing { key: KEY, epoch: epoch() }));
     let recorded = twin.encode(&heartbeat(), rig.now);
     let own = Rig::address(0);

@@ -137,7 +137,10 @@ impl Rig {
         }
         for datagram in self.fleet.poll(now) {
             let index = usize::from(datagram.to.port() - 20_000);
-            self.down[index].send(datagram.bytes, now);
+            // Nobody is at the addresses of strangers.
+            if let Some(channel) = self.down.get_mut(index) {
+                channel.send(datagram.bytes, now);
+            }
         }
         self.events.extend(self.fleet.take_events().into_iter().map(|event| (now, event)));
     }
