@@ -12,7 +12,6 @@ use volery_api::{
 use volery_client::{Client, LocalizationStream, StreamAnswer};
 use volery_formats::{TelemetrySigmas, read_camera_json, read_telemetry_csv};
 use volery_geometry::Camera;
-use volery_synthetic::{DemoHall, Sensor};
 use volery_tests::shared::{read_poses, shared_data};
 
 use crate::{
@@ -66,40 +65,6 @@ fn check(frame: &TrackedFrame) {
     let sum = t.recv_ms + t.decode_ms + t.track_ms + t.features_ms + t.match_ms + t.solve_ms;
     assert!((sum - t.total_ms).abs() < 1e-3, "{t:?}");
     assert!(frame.age_ms >= t.total_ms, "{frame:?}");
-}
-
-/// A short flight through the hall of a map: poses move as the camera does.
-pub(crate) async fn check_live_pose(client: &Client, map_id: Uuid, hall: &DemoHall) {
-    let start = &hall.scan[30].cam_from_world;
-    let mut stream = open(client, map_id, hall.camera()).await;
-    let mut last: Option<(Isometry3<f64>, Isometry3<f64>)> = None;
-    for k in 0..8_u64 {
-        let turn = UnitQuaternion::from_euler_angles(0.0, 0.02 * k as f64, 0.0);
-        let truth =
-            (Isometry3::from_parts([0.04 * k as f64, 0.0, 0.0].into(), turn) * start).inverse();
-        let ideal = hall.renderer.render(&hall.hall, &truth.inverse());
-        let gray = Sensor::default().expose(&ideal, 50 + k).gray();
-        let raw = FrameHeader {
-            encoding: ImageEncoding::Gray8,
-            width: Some(gray.width()),
-            height: Some(gray.height()),
-            ..header(k, None)
-        };
-        stream.send_frame(&raw, gray.pixels()).await.unwrap();
-        let StreamAnswer::Tracked { seq, frame, .. } = stream.next().await.unwrap() else {
-            panic!("frame {k} has no answer")
-        };
-        assert_eq!(seq, k);
-        check(&frame);
-        assert_eq!(frame.pose.is_some(), k >= 2, "three must agree: {frame:?}");
-        let Some(found) = pose(&frame) else { continue };
-        if let Some((before, truth_before)) = last {
-            let moved = (found.translation.vector - before.translation.vector).norm();
-            let truly = (truth.translation.vector - truth_before.translation.vector).norm();
-            assert!((moved - truly).abs() < 0.01, "frame {k}: {moved} m, not {truly}");
-        }
-        last = Some((found, truth));
-    }
 }
 
 /// The map of the warehouse's scan, in the frame of the truth.
