@@ -1,7 +1,9 @@
 //! Wire types of openapi.yaml, shared by the service, its child processes and its clients.
 
+pub mod beacons;
 pub mod drones;
 pub mod effort;
+pub mod flights;
 pub mod images;
 pub mod jobs;
 pub mod maps;
@@ -12,8 +14,10 @@ pub mod vision;
 pub mod worker;
 pub mod ws;
 
+pub use beacons::*;
 pub use drones::*;
 pub use effort::*;
+pub use flights::*;
 pub use images::*;
 pub use jobs::*;
 pub use maps::*;

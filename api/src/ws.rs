@@ -9,7 +9,8 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::{
-    Camera, FrameTelemetry, ImageEncoding, JobEvent, LocalizeAnswer, LocalizePrior, TrackedFrame,
+    Camera, FlightNews, FrameTelemetry, ImageEncoding, JobEvent, LocalizeAnswer, LocalizePrior,
+    TrackedFrame,
 };
 
 /// First two bytes of a binary frame: `VY`.
@@ -184,6 +185,16 @@ pub enum ServerBody {
         job_id: Uuid,
         /// The event, numbered within the job.
         event: JobEvent,
+    },
+    /// Something happened in a flight.
+    #[serde(rename = "flight.state")]
+    FlightState {
+        /// As subscribed.
+        topic: String,
+        /// Which flight.
+        flight_id: Uuid,
+        /// The event.
+        event: FlightNews,
     },
     /// Events were lost: read them again by `after`.
     #[serde(rename = "resync")]

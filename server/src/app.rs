@@ -25,8 +25,8 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        cameras, drones, exports, images, imagesets, jobs, localize, maps, priors, render, service,
-        tokens, uploads,
+        beacons, cameras, drones, exports, flights, images, imagesets, jobs, localize, maps,
+        priors, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -80,6 +80,13 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(maps::list_versions))
         .routes(routes!(maps::activate_version))
         .routes(routes!(maps::map_cameras))
+        .routes(routes!(flights::create_flight, flights::list_flights))
+        .routes(routes!(flights::get_flight))
+        .routes(routes!(flights::start_flight))
+        .routes(routes!(flights::pause_flight))
+        .routes(routes!(flights::resume_flight))
+        .routes(routes!(flights::abort_flight))
+        .routes(routes!(flights::list_geofences, flights::put_geofence))
         .routes(routes!(drones::list_drones))
         .routes(routes!(drones::get_drone, drones::put_drone, drones::delete_drone))
         .routes(routes!(drones::drone_state))
@@ -88,6 +95,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
         .routes(routes!(drones::all_stop))
+        .routes(routes!(beacons::estimate))
 }
 
 /// Routes that write what they take to the disk as it comes.

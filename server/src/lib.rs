@@ -13,6 +13,7 @@ mod config;
 mod error;
 mod extract;
 mod fleet;
+mod flights;
 mod idempotency;
 mod jobs;
 mod metrics;

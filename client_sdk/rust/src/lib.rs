@@ -17,6 +17,7 @@
 mod client;
 mod drones;
 mod error;
+mod flights;
 mod images;
 mod jobs;
 mod maps;

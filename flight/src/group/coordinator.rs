@@ -351,6 +351,11 @@ impl Coordinator {
         self.clock_held_by
     }
 
+    /// Whether somebody is still in the air.
+    pub fn is_landing(&self) -> bool {
+        self.members.values().any(|member| !matches!(member.role, Role::Landed(_)))
+    }
+
     /// Vehicles that are out of the flight.
     pub fn taken_out(&self) -> impl Iterator<Item = VehicleId> + '_ {
         let out = |member: &Member| matches!(member.role, Role::Landing | Role::Landed(_));

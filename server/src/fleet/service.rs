@@ -21,7 +21,7 @@ use volery_flight::{
 };
 
 use super::{journal::Journal, signing_time::SigningTime, wire};
-use crate::{clock, config::MavlinkSettings};
+use crate::{clock, config::MavlinkSettings, flights::Flights};
 
 /// Bytes that may wait while the thread is not running: two seconds of fifty drones.
 const RECEIVE_BUFFER: usize = 8 << 20;
@@ -58,6 +58,7 @@ struct State {
     fleet: Fleet,
     journal: Journal,
     registered: BTreeMap<u8, PutDrone>,
+    flights: Flights,
 }
 
 impl Drones {
@@ -88,6 +89,7 @@ impl Drones {
                 fleet,
                 journal: Journal::new(),
                 registered: BTreeMap::new(),
+                flights: Flights::new(),
             }),
         });
         let thread = std::thread::Builder::new().name("drones".to_owned()).spawn({
@@ -189,6 +191,14 @@ impl Drones {
         })
     }
 
+    /// Reads or changes flights.
+    pub(crate) fn flights<T>(
+        &self,
+        change: impl FnOnce(&mut Flights, &mut Fleet, Duration) -> T,
+    ) -> T {
+        self.shared.with(|state, now| change(&mut state.flights, &mut state.fleet, now))
+    }
+
     /// Stops all.
     pub(crate) fn all_stop(&self) -> AllStopped {
         self.shared.with(|state, now| AllStopped {
@@ -236,6 +246,7 @@ impl Shared {
     }
 
     fn send(&self, state: &mut State, now: Duration) {
+        state.flights.poll(&mut state.fleet, now, clock::now_ns());
         for datagram in state.fleet.poll(now) {
             // A drone that cannot be reached is noticed by its silence.
             if let Err(error) = self.socket.send_to(&datagram.bytes, datagram.to) {

@@ -1,9 +1,11 @@
 //! HTTP: a handler parses, calls, answers.
 
+pub(crate) mod beacons;
 pub(crate) mod cameras;
 pub(crate) mod drones;
 pub(crate) mod exports;
 mod files;
+pub(crate) mod flights;
 pub(crate) mod images;
 pub(crate) mod imagesets;
 mod ingest;

@@ -5,6 +5,7 @@ mod cameras;
 mod collect;
 mod drones;
 mod events;
+mod geofences;
 mod imagesets;
 mod jobs;
 mod leases;
@@ -30,9 +31,10 @@ pub(crate) use jobs::JobRow;
 pub(crate) use leases::{Finish, Lease, LeaseLost};
 pub(crate) use maps::NewVersion;
 
-const MIGRATIONS: [(i64, &str, &str); 2] = [
+const MIGRATIONS: [(i64, &str, &str); 3] = [
     (1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql")),
     (2, "drones", include_str!("../../../migrations/sqlite/0002_drones.sql")),
+    (3, "geofences", include_str!("../../../migrations/sqlite/0003_geofences.sql")),
 ];
 
 /// The rows. Writes go through one connection, so a transaction never waits for another.

@@ -1,6 +1,7 @@
 //! The socket: events of jobs, and localization streams.
 
 mod connection;
+mod flights;
 mod stream;
 mod topics;
 mod tracking;

@@ -6,7 +6,10 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 use uuid::Uuid;
 use volery_api::{JobEvent, ws::ServerBody};
 
-use super::connection::{Gone, Outbox, Task};
+use super::{
+    connection::{Gone, Outbox, Task},
+    flights,
+};
 use crate::{
     error::{ApiError, ApiResult, Code},
     state::App,
@@ -25,6 +28,9 @@ pub(super) async fn subscribe(
     if let Some(drone) = topic.strip_prefix("pose:") {
         return Ok(poses(app, outbox, drone));
     }
+    if let Some(task) = flights::subscribe(app, &outbox, topic)? {
+        return Ok(task);
+    }
     // Listen before looking, so that nothing falls between.
     let news = app.store.listen();
     let only = match topic {
@@ -32,7 +38,7 @@ pub(super) async fn subscribe(
         topic => {
             let id = topic.strip_prefix("job:").and_then(|id| Uuid::parse_str(id).ok());
             let id = id.ok_or_else(|| {
-                let detail = "topics are `jobs`, `job:<id>`, `pose:<drone>` and `pose:*`";
+                let detail = "topics are `jobs`, `job:<id>`, `pose:<drone>`, `pose:*`, `flights` and `flight:<id>`";
                 ApiError::new(Code::Unprocessable("bad_topic"), detail)
             })?;
             Some((id, app.store.job(id).await?.last_event))

@@ -117,6 +117,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "http-body-util",
             "hyper",
             "hyper-util",
+            "nalgebra",
             "rustix",
             "serde",
             "serde_json",
