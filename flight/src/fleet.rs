@@ -10,6 +10,7 @@ use crate::{
     feed::{PoseFix, PoseRefusal},
     link::{LinkState, STALE_AFTER},
     message::{AUTOPILOT_COMPONENT, VisionMessage},
+    options::{Datagram, FleetOptions},
     refusal::{CommandRefusal, Refused},
     signing::{Key, SignatureError, Verifier},
     task::{Command, CommandId},
@@ -25,39 +26,6 @@ const MAX_DATAGRAM: usize = 1200;
 const PERIOD: Duration = Duration::from_millis(10);
 /// Between polls while there is nobody.
 const IDLE_PERIOD: Duration = Duration::from_millis(250);
-
-/// Settings of a fleet.
-#[derive(Debug, Clone)]
-pub struct FleetOptions {
-    /// Whether vehicles without a key may take part: whoever reaches the socket can then be one.
-    pub accept_unsigned: bool,
-    /// Key of vehicles that have none of their own.
-    pub default_key: Option<Key>,
-    /// The signing time at time zero; never ahead of true time, never behind what was used before.
-    pub signing_time_at_zero: u64,
-    /// Oldest pose that is sent.
-    pub max_pose_age: Duration,
-}
-
-impl Default for FleetOptions {
-    fn default() -> Self {
-        Self {
-            accept_unsigned: false,
-            default_key: None,
-            signing_time_at_zero: 0,
-            max_pose_age: Duration::from_millis(100),
-        }
-    }
-}
-
-/// Bytes for one vehicle.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Datagram {
-    /// Where to.
-    pub to: SocketAddr,
-    /// One or more frames.
-    pub bytes: Vec<u8>,
-}
 
 /// What belongs to a vehicle whether it is heard or not.
 #[derive(Debug, Clone, Default)]
