@@ -115,6 +115,12 @@ pub(super) fn known_distance(text: &str) -> Result<KnownDistance, String> {
     Ok(KnownDistance { image_a: a.to_owned(), image_b: b.to_owned(), meters })
 }
 
+/// `udp:HOST:PORT`.
+pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
+    let address = text.strip_prefix("udp:").ok_or("expected udp:HOST:PORT")?;
+    address.parse().map_err(|e| format!("{e}; expected udp:HOST:PORT"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -126,10 +132,4 @@ mod tests {
             assert!(known_distance(bad).is_err(), "{bad}");
         }
     }
-}
-
-/// `udp:HOST:PORT`.
-pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
-    let address = text.strip_prefix("udp:").ok_or("expected udp:HOST:PORT")?;
-    address.parse().map_err(|e| format!("{e}; expected udp:HOST:PORT"))
 }

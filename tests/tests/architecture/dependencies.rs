@@ -52,13 +52,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     (
         "volery-tracking",
-        &[
-            "volery-geometry",
-            "volery-scene",
-            "volery-features",
-            "volery-localization",
-            "nalgebra",
-        ],
+        &["volery-geometry", "volery-scene", "volery-features", "volery-localization", "nalgebra"],
     ),
     (
         "volery-formats",
