@@ -14,8 +14,26 @@ pub enum VisionMessage {
     Odometry,
 }
 
+/// Where a camera sits on a drone and where it looks: `body_from_camera`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CameraMount {
+    /// Place of the camera in the body (x forward, y left, z up), meters.
+    pub position: [f64; 3],
+    /// Unit quaternion w, x, y, z that turns camera axes (x right, y down, z forward) into the
+    /// body's.
+    pub orientation: [f64; 4],
+}
+
+impl Default for CameraMount {
+    /// In the middle of the drone, level, looking ahead.
+    fn default() -> Self {
+        Self { position: [0.0; 3], orientation: [0.5, -0.5, 0.5, -0.5] }
+    }
+}
+
 /// A drone to be registered, or the settings of one to be replaced.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PutDrone {
     /// For people.
@@ -28,6 +46,9 @@ pub struct PutDrone {
     /// How it takes poses.
     #[serde(default)]
     pub vision: VisionMessage,
+    /// Its camera; in the middle, level and looking ahead when absent.
+    #[serde(default)]
+    pub body_from_camera: CameraMount,
 }
 
 /// A drone that is registered, or was heard, or both.
@@ -41,6 +62,8 @@ pub struct Drone {
     pub has_own_key: bool,
     /// How it takes poses.
     pub vision: VisionMessage,
+    /// Its camera.
+    pub body_from_camera: CameraMount,
     /// What it says; absent when it was not heard.
     pub state: Option<DroneState>,
 }

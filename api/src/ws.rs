@@ -94,6 +94,10 @@ pub struct StreamOpen {
     /// The drone whose camera this is; with `track`, its poses are the drone's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drone_id: Option<String>,
+    /// Send the poses to the estimator of the drone, whose MAVLink system id `drone_id` then is.
+    /// Needs `track`, a metric map and the role `pilot`.
+    #[serde(default)]
+    pub feed: bool,
 }
 
 /// What to do with frames that come faster than answers.

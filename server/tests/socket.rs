@@ -12,13 +12,21 @@ use tokio_tungstenite::{
     tungstenite::{Message, client::IntoClientRequest},
 };
 use volery_api::ws::join_frame;
+use volery_server::MavlinkSettings;
+use volery_simulator::{
+    DroneOptions, Flavor, Space,
+    shell::{Simulation, simulate},
+};
 
 type Socket = WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>;
 
 async fn connect(server: &Server) -> Socket {
+    connect_as(server, &server.client.token.clone().unwrap()).await
+}
+
+async fn connect_as(server: &Server, token: &str) -> Socket {
     let url = format!("ws://{}/v1/ws", server.running.addr);
     let mut request = url.into_client_request().unwrap();
-    let token = server.client.token.clone().unwrap();
     // As a browser does, which cannot set other headers.
     let protocols = format!("volery, bearer.{token}");
     request.headers_mut().insert("sec-websocket-protocol", protocols.parse().unwrap());
@@ -166,8 +174,8 @@ async fn the_newest_frame_wins() {
     assert_eq!(next(&mut socket).await["code"], "bad_frame");
 }
 
-fn tracking_frame(stream: &Value, seq: u64, words: &str) -> Message {
-    let header = json!({"stream_id": stream, "seq": seq, "t_capture_ns": seq * 10,
+fn tracking_frame(stream: &Value, seq: u64, t_capture_ns: u64, words: &str) -> Message {
+    let header = json!({"stream_id": stream, "seq": seq, "t_capture_ns": t_capture_ns,
         "telemetry": {"heading": 0.5, "height": 1.2}});
     Message::Binary(join_frame(1, header.to_string().as_bytes(), &photo(words)).into())
 }
@@ -191,9 +199,9 @@ async fn a_stream_that_tracks_keeps_its_worker() {
     }
     // The first has frames without end; the second gets its turn after one of them.
     for seq in 1..=3 {
-        socket.send(tracking_frame(&streams[0], seq, "slow")).await.unwrap();
+        socket.send(tracking_frame(&streams[0], seq, seq * 10, "slow")).await.unwrap();
     }
-    socket.send(tracking_frame(&streams[1], 1, "slow")).await.unwrap();
+    socket.send(tracking_frame(&streams[1], 1, 10, "slow")).await.unwrap();
     let mut order = Vec::new();
     while order.len() < 3 {
         let message = next(&mut socket).await;
@@ -219,11 +227,84 @@ async fn a_stream_that_tracks_keeps_its_worker() {
     assert_eq!((&told["type"], &told["drone_id"]), (&json!("pose"), &json!("cf1")));
     assert_eq!(told["result"]["state"], "tracking");
 
-    socket.send(tracking_frame(&streams[0], 7, "die")).await.unwrap();
+    socket.send(tracking_frame(&streams[0], 7, 70, "die")).await.unwrap();
     let dropped = next(&mut socket).await;
     assert_eq!((&dropped["type"], &dropped["seq"]), (&json!("frame.dropped"), &json!(7)));
-    socket.send(tracking_frame(&streams[0], 8, "again")).await.unwrap();
+    socket.send(tracking_frame(&streams[0], 8, 80, "again")).await.unwrap();
     let again = next(&mut socket).await;
     assert_eq!(again["result"]["num_points"], 1, "a child that knows nothing");
     assert_eq!(again["result"]["reset_counter"], 1);
+}
+
+/// What the camera of a drone sees goes to the drone's estimator: a simulated drone, which knows
+/// nothing but the poses it is sent, says that it is where its camera is, less the mount. Who may
+/// not command drones may not feed them.
+#[tokio::test]
+async fn a_stream_feeds_its_drone() {
+    let server = Server::start_with(|config| {
+        let mut mavlink = MavlinkSettings::new(std::net::SocketAddr::from(([127, 0, 0, 1], 0)));
+        mavlink.accept_unsigned = true;
+        config.mavlink = Some(mavlink);
+    })
+    .await;
+    let map = server.client.map().await;
+    let mount = json!({"position": [0.1, 0.0, 0.0], "orientation": [0.5, -0.5, 0.5, -0.5]});
+    let drone = json!({"name": "one", "body_from_camera": mount});
+    server.client.json("PUT", "/v1/drones/7", &[], drone).await.expect(200);
+
+    let mut socket = connect(&server).await;
+    let open = |map: &str, id: &str, track: bool| json!({"type": "stream.open", "map_id": map, "track": track, "drone_id": id, "feed": true});
+    say(&mut socket, open(&map, "7", true)).await;
+    assert_eq!(next(&mut socket).await["code"], "map_not_metric");
+    let align = json!({"known_distance": {"image_a": "a.jpg", "image_b": "b.jpg", "meters": 3.0}});
+    server.client.post(&format!("/v1/maps/{map}/align"), align).await.expect(201);
+    for (id, track, code) in [("7", false, "not_tracked"), ("cf1", true, "bad_system_id")] {
+        say(&mut socket, open(&map, id, track)).await;
+        assert_eq!(next(&mut socket).await["code"], code);
+    }
+    let viewer = json!({"name": "guest", "role": "viewer"});
+    let viewer = server.client.post("/v1/tokens", viewer).await.expect(201).json();
+    let mut guest = connect_as(&server, viewer["secret"].as_str().unwrap()).await;
+    say(&mut guest, open(&map, "7", true)).await;
+    assert_eq!(next(&mut guest).await["code"], "forbidden");
+
+    say(&mut socket, open(&map, "7", true)).await;
+    let stream = next(&mut socket).await["stream_id"].clone();
+    let simulation = Simulation {
+        server: server.running.mavlink_addr().unwrap(),
+        bind: [127, 0, 0, 1].into(),
+        drones: vec![DroneOptions::new(7, Flavor::Px4, [0.0; 3].into())],
+        space: Space::Open,
+        separation: 0.5,
+        faults: Vec::new(),
+        feed: None,
+        report_interval: Duration::from_secs(1),
+    };
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let flight = simulate(simulation, async { drop(stopped.await) }, |_| {});
+    let look = async {
+        let mut place = Value::Null;
+        let start = std::time::Instant::now();
+        for seq in 1..=600 {
+            let t_capture_ns = start.elapsed().as_nanos() as u64;
+            socket.send(tracking_frame(&stream, seq, t_capture_ns, "fast")).await.unwrap();
+            let answer = next(&mut socket).await;
+            assert_eq!(answer["type"], "frame.tracked", "{answer}");
+            let drone = server.client.get("/v1/drones/7").await.expect(200).json();
+            place = drone["state"]["estimate"]["position"].clone();
+            let is_there = |axis: usize, at: f64| {
+                place[axis].as_f64().is_some_and(|value| (value - at).abs() < 0.05)
+            };
+            // The camera looks along x, 10 cm before the middle.
+            if is_there(0, 0.9) && is_there(1, 2.0) && is_there(2, 0.5) {
+                stop.send(()).unwrap();
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        let events = server.client.get("/v1/drones/7/events").await.expect(200).json();
+        panic!("the drone believes to be at {place}: {events}");
+    };
+    let (summary, ()) = tokio::join!(flight, look);
+    assert_eq!(summary.unwrap().contacts, 0);
 }

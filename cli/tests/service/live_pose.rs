@@ -43,6 +43,7 @@ async fn open(client: &Client, map_id: Uuid, camera: &Camera) -> LocalizationStr
         mode: StreamMode::Latest,
         track: true,
         drone_id: Some("first".to_owned()),
+        feed: false,
     };
     client.open_stream(open).await.unwrap()
 }

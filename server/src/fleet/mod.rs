@@ -10,4 +10,4 @@ mod signing_time;
 mod wire;
 
 pub(crate) use service::Drones;
-pub(crate) use wire::key as parse_key;
+pub(crate) use wire::{is_mount, key as parse_key};

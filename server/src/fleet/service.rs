@@ -14,7 +14,7 @@ use std::{
 
 use volery_api::{
     AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DroneState,
-    PutDrone, VisionMessage,
+    PutDrone, TrackedFrame, VisionMessage,
 };
 use volery_flight::{
     CommandRefusal, CommandState, Fleet, FleetOptions, Key, PoseRefusal, VehicleId,
@@ -191,6 +191,24 @@ impl Drones {
         })
     }
 
+    /// Sends the pose that a frame of a drone's camera gave to its estimator, if it can be true. A
+    /// frame without a pose says nothing.
+    pub(crate) fn camera_pose(
+        &self,
+        id: u8,
+        captured: Instant,
+        frame: &TrackedFrame,
+    ) -> Result<(), PoseRefusal> {
+        let Some(pose) = &frame.pose else { return Ok(()) };
+        let captured = captured.saturating_duration_since(self.shared.start);
+        self.shared.with(|state, now| {
+            let mount = state.registered.get(&id).map(|drone| drone.body_from_camera);
+            let fix = wire::camera_fix(pose, frame.covariance.as_deref(), mount, captured)
+                .ok_or(PoseRefusal::NotFinite)?;
+            state.fleet.pose(VehicleId(id), fix, now)
+        })
+    }
+
     /// Reads or changes flights.
     pub(crate) fn flights<T>(
         &self,
@@ -226,6 +244,7 @@ impl State {
             name: registered.map(|drone| drone.name.clone()),
             has_own_key: registered.is_some_and(|drone| drone.signing_key.is_some()),
             vision: registered.map(|drone| drone.vision).unwrap_or_default(),
+            body_from_camera: registered.map(|drone| drone.body_from_camera).unwrap_or_default(),
             state: vehicle.map(|vehicle| wire::drone_state(vehicle, now, clock::now_ns())),
         }
     }

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use volery_api::{
-    DroneCommand, DroneCommandStatus, DroneLink, DronePlace, DronePose, DroneState, DroneTarget,
+    CameraMount, CameraPose, DroneCommand, DroneCommandStatus, DroneLink, DronePlace, DronePose,
+    DroneState, DroneTarget,
 };
 use volery_flight::{
     Alert, Command, CommandId, CommandState, Happening, Key, Landed, Mode, PoseFix, Setpoint,
     Vehicle, VehicleId,
 };
-use volery_geometry::Point3;
+use volery_geometry::{Isometry3, Point3, UnitQuaternion};
 
 /// Distance that counts as there when nobody says, meters.
 const TOLERANCE: f64 = 0.15;
@@ -161,4 +162,59 @@ pub(super) fn pose_fix(pose: &DronePose, now: Duration) -> Option<PoseFix> {
     let captured = now.checked_sub(age).unwrap_or(Duration::ZERO);
     let (position_sd, angle_sd) = (pose.position_sd, pose.angle_sd);
     Some(PoseFix::from_numbers(pose.position, pose.orientation, captured, position_sd, angle_sd))
+}
+
+/// The drone's pose by that of its camera; `None` without the covariance of both.
+pub(super) fn camera_fix(
+    map_from_camera: &CameraPose,
+    covariance: Option<&[f64]>,
+    body_from_camera: Option<CameraMount>,
+    captured: Duration,
+) -> Option<PoseFix> {
+    let covariance: &[f64; 36] = covariance?.try_into().ok()?;
+    let greatest = |axes: std::ops::Range<usize>| {
+        axes.map(|axis| covariance[7 * axis]).fold(0.0, f64::max).sqrt()
+    };
+    let (position_sd, angle_sd) = (greatest(0..3), greatest(3..6));
+    let mount = body_from_camera.unwrap_or_default();
+    let map_from_body = isometry(map_from_camera.position, map_from_camera.orientation)
+        * isometry(mount.position, mount.orientation).inverse();
+    Some(PoseFix { map_from_body, captured, position_sd, angle_sd })
+}
+
+fn isometry(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Isometry3<f64> {
+    let rotation = nalgebra::Quaternion::new(w, x, y, z);
+    Isometry3::from_parts(position.into(), UnitQuaternion::new_normalize(rotation))
+}
+
+/// Whether a mount is a place and a rotation.
+pub(crate) fn is_mount(mount: &CameraMount) -> bool {
+    let norm = mount.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
+    (norm - 1.0).abs() < 1e-3 && mount.position.iter().all(|v| v.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A level camera that looks ahead, 10 cm before the middle of a drone that flies along y.
+    #[test]
+    fn the_drone_stands_behind_its_camera() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let mount = CameraMount { position: [0.1, 0.0, 0.02], ..CameraMount::default() };
+        // The camera's axes in the map: x right is x, y down is -z, z ahead is y.
+        let camera = CameraPose { position: [1.0, 2.0, 3.0], orientation: [half, -half, 0.0, 0.0] };
+        let mut covariance = [0.0; 36];
+        covariance[0] = 4e-4;
+        covariance[35] = 1e-4;
+        let fix = camera_fix(&camera, Some(&covariance), Some(mount), Duration::ZERO).unwrap();
+        let place = fix.map_from_body.translation.vector;
+        assert!((place - Point3::new(1.0, 1.9, 2.98).coords).norm() < 1e-12, "{place}");
+        let ahead = fix.map_from_body.rotation * volery_geometry::Vector3::x();
+        assert!((ahead - volery_geometry::Vector3::y()).norm() < 1e-12, "{ahead}");
+        assert!((fix.position_sd - 0.02).abs() < 1e-12 && (fix.angle_sd - 0.01).abs() < 1e-12);
+        assert!(camera_fix(&camera, None, Some(mount), Duration::ZERO).is_none());
+        assert!(is_mount(&mount) && is_mount(&CameraMount::default()));
+        assert!(!is_mount(&CameraMount { orientation: [1.0, 1.0, 0.0, 0.0], ..mount }));
+    }
 }

@@ -15,7 +15,7 @@ use crate::{
     auth::{Admin, Pilot, Stopper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
-    fleet::{Drones, parse_key},
+    fleet::{Drones, is_mount, parse_key},
     state::App,
 };
 
@@ -67,6 +67,10 @@ pub(crate) async fn put_drone(
     if drone.signing_key.as_deref().is_some_and(|key| parse_key(key).is_none()) {
         let code = Code::Unprocessable("bad_signing_key");
         return Err(ApiError::new(code, "a signing key has 64 hex digits"));
+    }
+    if !is_mount(&drone.body_from_camera) {
+        let code = Code::Unprocessable("bad_camera_mount");
+        return Err(ApiError::new(code, "a mount has a place and a unit quaternion w, x, y, z"));
     }
     if id == 0 || id == 255 {
         let code = Code::Unprocessable("bad_system_id");

@@ -68,6 +68,7 @@ pub(super) async fn run(app: Arc<App>, caller: Caller, socket: WebSocket, max_fr
     let (sender, mut outbox) = mpsc::channel(QUEUE);
     let mut connection = Connection {
         app: Arc::clone(&app),
+        caller: caller.clone(),
         outbox: Outbox(sender),
         topics: HashMap::new(),
         streams: HashMap::new(),
@@ -150,6 +151,7 @@ async fn write(
 
 struct Connection {
     app: Arc<App>,
+    caller: Caller,
     outbox: Outbox,
     topics: HashMap<String, Task>,
     streams: HashMap<u32, Stream>,
@@ -202,7 +204,8 @@ impl Connection {
                 }
                 let stream_id = self.next_stream;
                 let (stream, opened) =
-                    Stream::open(&self.app, self.outbox.clone(), stream_id, open).await?;
+                    Stream::open(&self.app, &self.caller, self.outbox.clone(), stream_id, open)
+                        .await?;
                 self.next_stream += 1;
                 self.streams.insert(stream_id, stream);
                 opened

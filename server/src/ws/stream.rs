@@ -9,7 +9,7 @@ use std::{
 use bytes::Bytes;
 use tokio::sync::Notify;
 use volery_api::{
-    LocalizeMethod, MapVersion,
+    LocalizeMethod, MapVersion, Role,
     ws::{FrameHeader, ServerBody, StreamMode, StreamOpen},
 };
 
@@ -18,6 +18,7 @@ use super::{
     tracking::track_frames,
 };
 use crate::{
+    auth::Caller,
     error::{ApiError, ApiResult, Code},
     metrics::add,
     routes::{cameras::check_camera, localize::Query, localize_in},
@@ -29,6 +30,34 @@ const MAX_WAITING: usize = 8;
 
 /// Longest id of a drone, bytes.
 const MAX_DRONE_ID: usize = 64;
+
+/// The drone that a stream is to feed: a wrong pose moves it.
+fn fed_drone(app: &App, caller: &Caller, open: &StreamOpen, version: &MapVersion) -> ApiResult<u8> {
+    if caller.role < Role::Pilot {
+        return Err(ApiError::new(Code::Forbidden, "only a pilot feeds a drone with poses"));
+    }
+    if app.drones.is_none() {
+        return Err(ApiError::new(
+            Code::Conflict("no_mavlink"),
+            "the service has no link to drones",
+        )
+        .hint("start it with --mavlink"));
+    }
+    if !open.track {
+        let code = Code::Unprocessable("not_tracked");
+        return Err(ApiError::new(code, "only a stream with track feeds a drone"));
+    }
+    if version.info["scale"]["metric"].as_bool() != Some(true) {
+        let code = Code::Conflict("map_not_metric");
+        return Err(ApiError::new(code, "the map has no metric scale")
+            .hint("POST /v1/maps/{id}/align with a known distance"));
+    }
+    let id = open.drone_id.as_deref().and_then(|id| id.parse().ok());
+    id.filter(|id| (1..=254).contains(id)).ok_or_else(|| {
+        let code = Code::Unprocessable("bad_system_id");
+        ApiError::new(code, "drone_id must be a MAVLink system id from 1 to 254")
+    })
+}
 
 /// An open stream.
 #[derive(Debug)]
@@ -42,6 +71,8 @@ pub(super) struct Shared {
     pub(super) app: Arc<App>,
     pub(super) outbox: Outbox,
     pub(super) open: StreamOpen,
+    /// The drone whose estimator gets the poses.
+    pub(super) feeds: Option<u8>,
     waiting: Mutex<VecDeque<Frame>>,
     pub(super) arrived: Notify,
 }
@@ -57,6 +88,7 @@ impl Stream {
     /// Fixes the version of the map for the life of the stream.
     pub(super) async fn open(
         app: &Arc<App>,
+        caller: &Caller,
         outbox: Outbox,
         stream_id: u32,
         open: StreamOpen,
@@ -67,6 +99,7 @@ impl Stream {
             return Err(ApiError::new(Code::Unprocessable("bad_drone_id"), detail));
         }
         let version = app.store.version(open.map_id, open.version).await?;
+        let feeds = if open.feed { Some(fed_drone(app, caller, &open, &version)?) } else { None };
         let opened = ServerBody::StreamOpened {
             stream_id,
             map_id: version.map_id,
@@ -80,6 +113,7 @@ impl Stream {
             app: Arc::clone(app),
             outbox,
             open,
+            feeds,
             waiting: Mutex::default(),
             arrived: Notify::new(),
         });

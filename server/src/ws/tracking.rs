@@ -139,6 +139,10 @@ impl Following {
                 captured: self.captured(header, arrived),
                 frame: frame.clone(),
             };
+            if let (Some(id), Some(drones)) = (self.shared.feeds, &self.shared.app.drones) {
+                // The journal of the drone says why a pose did not leave.
+                let _ = drones.camera_pose(id, fix.captured, &fix.frame);
+            }
             self.shared.app.poses.send(fix);
         }
         debug_assert_eq!(frame.pose.is_some(), frame.state == TrackState::Tracking);

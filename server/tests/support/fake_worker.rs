@@ -198,8 +198,9 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
             }
             json!({"ok": true, "state": "tracking", "source": "klt", "age_ms": 0.0,
                 "num_points": 0, "reset_counter": u32::from(told("reset")),
-                "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
-                "covariance": [],
+                "pose": {"position": [1.0, 2.0, 0.5], "orientation": [0.5, -0.5, 0.5, -0.5]},
+                "covariance": (0..36).map(|i| if i % 7 == 0 { 1e-4 } else { 0.0 })
+                    .collect::<Vec<f64>>(),
                 "latency": {"recv_ms": 0.0, "decode_ms": 1.0, "track_ms": 2.0, "features_ms": 0.0,
                     "match_ms": 0.0, "solve_ms": 0.0, "total_ms": 3.0}})
         }
@@ -210,8 +211,11 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
         Some("render") => json!({"ok": true, "surface": "mesh"}),
         Some("align") => {
             fs::create_dir_all(path("out_dir")).expect("room");
-            fs::write(path("out_dir").join("map.json"), r#"{"scale":{"metric":true}}"#)
-                .expect("room");
+            for (name, text) in
+                [("map.json", r#"{"scale":{"metric":true}}"#), ("localization.bin", "a.jpg")]
+            {
+                fs::write(path("out_dir").join(name), text).expect("room");
+            }
             json!({"ok": true, "residuals": {"rms_m": 0.01}})
         }
         Some("export") => {

@@ -62,6 +62,7 @@ async fn pump(
         mode: StreamMode::Latest,
         track: true,
         drone_id: Some(system_id.to_string()),
+        feed: true,
     };
     let mut stream = target.client.open_stream(open).await?;
     let mut seq = 0;
