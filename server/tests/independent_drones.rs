@@ -76,6 +76,8 @@ struct Truth {
     /// In the map, by system id.
     positions: BTreeMap<u8, [f64; 3]>,
     mishaps: Vec<Value>,
+    /// Longest time without a word of the simulator, which says something every 50 ms.
+    longest_silence: Duration,
 }
 
 /// A true state, local with z down, as a pose in the map with noise.
@@ -108,7 +110,14 @@ async fn localize(
     truth: Arc<Mutex<Truth>>,
 ) {
     let mut rng = Rng::new(7);
+    let mut heard: Option<Instant> = None;
     while let Some(first) = lines.recv().await {
+        let silence = heard.map_or(Duration::ZERO, |heard| heard.elapsed());
+        heard = Some(Instant::now());
+        {
+            let mut truth = truth.lock().unwrap();
+            truth.longest_silence = truth.longest_silence.max(silence);
+        }
         let mut newest = BTreeMap::new();
         let mut next = Some(first);
         while let Some((read, line)) = next {
@@ -183,8 +192,27 @@ async fn command_all(client: &Client, command: impl Fn(u8) -> Value, what: &str)
     }
 }
 
-/// Discovered, fed, taken off, five targets each, landed; the worst true error at a target.
-async fn fly(trial: Trial, python: &Path, script: &Path) -> f64 {
+/// A machine that is busy with other things stands still now and then, and drones in real time fly
+/// on without poses meanwhile: such a flight says nothing of the service.
+const STANDSTILL: Duration = Duration::from_millis(150);
+const MAX_ATTEMPTS: usize = 3;
+
+/// Flies until a flight is good, or fails on a machine that kept pace.
+async fn fly(trial: Trial, python: &Path, script: &Path) {
+    for attempt in 1.. {
+        let (worst, silence) = fly_once(trial, python, script).await;
+        println!("{trial:?}: worst true error at a target {worst:.3} m, longest pause {silence:?}");
+        if worst <= trial.limit() {
+            return;
+        }
+        assert!(silence > STANDSTILL && attempt < MAX_ATTEMPTS, "{trial:?}: {worst} m");
+        println!("{trial:?}: the machine stood still; flown again");
+    }
+}
+
+/// Discovered, fed, taken off, five targets each, landed; the worst true error at a target, and
+/// the longest pause of the simulator.
+async fn fly_once(trial: Trial, python: &Path, script: &Path) -> (f64, Duration) {
     let what = format!("{trial:?}");
     let server = Server::start_with(|config| {
         let listen = SocketAddr::from(([127, 0, 0, 1], 0));
@@ -245,9 +273,7 @@ async fn fly(trial: Trial, python: &Path, script: &Path) -> f64 {
     let truth = truth.lock().unwrap();
     assert!(truth.mishaps.is_empty(), "{what}: {:?}", truth.mishaps);
     assert!(truth.positions.values().all(|position| position[2].abs() < 0.05), "{what}");
-    println!("{what}: worst true error at a target {worst:.3} m");
-    assert!(worst <= trial.limit(), "{what}: {worst}");
-    worst
+    (worst, truth.longest_silence)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
