@@ -1,6 +1,6 @@
 //! What happens to vehicles.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use crate::{
     VehicleId,

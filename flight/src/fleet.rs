@@ -1,6 +1,7 @@
 //! Many vehicles on one socket.
 
-use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
+use core::net::SocketAddr;
+use std::{collections::BTreeMap, time::Duration};
 
 use mavlink::dialects::ardupilotmega::{MavMessage, MavType};
 

@@ -1,6 +1,7 @@
 //! Settings of a fleet, and what it sends.
 
-use std::{net::SocketAddr, time::Duration};
+use core::net::SocketAddr;
+use std::time::Duration;
 
 use crate::signing::Key;
 

@@ -1,6 +1,7 @@
 //! One vehicle: its link, its estimator's feed, its pilot and its guard.
 
-use std::{net::SocketAddr, time::Duration};
+use core::net::SocketAddr;
+use std::time::Duration;
 
 use mavlink::dialects::ardupilotmega::MavMessage;
 

@@ -165,7 +165,11 @@ async fn wait_for_feed(client: &Client, what: &str) {
 }
 
 /// Gives a command to every drone and waits until all are done.
-async fn command_all(client: &Client, command: impl Fn(u8) -> Value, what: &str) {
+async fn command_all(
+    client: &Client,
+    command: impl Fn(u8) -> Value,
+    what: &str,
+) -> Result<(), String> {
     let mut paths = Vec::new();
     for id in 1..=COUNT {
         let path = format!("/v1/drones/{id}/commands");
@@ -183,13 +187,14 @@ async fn command_all(client: &Client, command: impl Fn(u8) -> Value, what: &str)
                     let events = format!("/v1/drones/{}/events", status["drone"]);
                     let events = client.get(&events).await.expect(200).json();
                     let last = events["items"].as_array().unwrap().iter().rev().take(12);
-                    panic!("{what}: {status:#} {:#?}", last.collect::<Vec<_>>());
+                    return Err(format!("{what}: {status:#} {:#?}", last.collect::<Vec<_>>()));
                 }
             }
             assert!(start.elapsed() < Duration::from_secs(90), "{what}: {status:#}");
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     }
+    Ok(())
 }
 
 /// A machine that is busy with other things stands still now and then, and drones in real time fly
@@ -201,18 +206,18 @@ const MAX_ATTEMPTS: usize = 3;
 async fn fly(trial: Trial, python: &Path, script: &Path) {
     for attempt in 1.. {
         let (worst, silence) = fly_once(trial, python, script).await;
-        println!("{trial:?}: worst true error at a target {worst:.3} m, longest pause {silence:?}");
-        if worst <= trial.limit() {
+        println!("{trial:?}: worst true error at a target {worst:?} m, longest pause {silence:?}");
+        if worst.as_ref().is_ok_and(|worst| *worst <= trial.limit()) {
             return;
         }
-        assert!(silence > STANDSTILL && attempt < MAX_ATTEMPTS, "{trial:?}: {worst} m");
+        assert!(silence > STANDSTILL && attempt < MAX_ATTEMPTS, "{trial:?}: {worst:?}");
         println!("{trial:?}: the machine stood still; flown again");
     }
 }
 
 /// Discovered, fed, taken off, five targets each, landed; the worst true error at a target, and
 /// the longest pause of the simulator.
-async fn fly_once(trial: Trial, python: &Path, script: &Path) -> (f64, Duration) {
+async fn fly_once(trial: Trial, python: &Path, script: &Path) -> (Result<f64, String>, Duration) {
     let what = format!("{trial:?}");
     let server = Server::start_with(|config| {
         let listen = SocketAddr::from(([127, 0, 0, 1], 0));
@@ -249,30 +254,35 @@ async fn fly_once(trial: Trial, python: &Path, script: &Path) -> (f64, Duration)
     let truth = Arc::new(Mutex::new(Truth::default()));
     let feeding = tokio::spawn(localize(lines, client.clone(), Arc::clone(&truth)));
 
-    wait_for_feed(client, &what).await;
-    command_all(client, |_| json!({"type": "takeoff", "height": 1.5}), &what).await;
-    let mut worst = 0.0_f64;
-    let places =
-        [[1.0, 0.3, 1.5], [1.5, -0.4, 1.2], [0.8, -0.8, 1.8], [0.2, 0.2, 1.0], [0.0, 0.0, 1.4]];
-    for (turn, [x, y, z]) in places.into_iter().enumerate() {
-        // They stand one and a half meters apart, to the right.
-        let place = |id: u8| [x, y - 1.5 * f64::from(id - 1), z];
-        let yaw = 0.5 * turn as f64 - 1.0;
-        let go = |id: u8| json!({"type": "goto", "position": place(id), "yaw": yaw});
-        command_all(client, go, &what).await;
-        tokio::time::sleep(Duration::from_millis(1500)).await;
-        let truth = truth.lock().unwrap();
-        for (&id, position) in &truth.positions {
-            let goal = place(id);
-            let error = (0..3).map(|i| (position[i] - goal[i]).powi(2)).sum::<f64>().sqrt();
-            worst = worst.max(error);
+    let flown = async {
+        wait_for_feed(client, &what).await;
+        command_all(client, |_| json!({"type": "takeoff", "height": 1.5}), &what).await?;
+        let mut worst = 0.0_f64;
+        let places =
+            [[1.0, 0.3, 1.5], [1.5, -0.4, 1.2], [0.8, -0.8, 1.8], [0.2, 0.2, 1.0], [0.0, 0.0, 1.4]];
+        for (turn, [x, y, z]) in places.into_iter().enumerate() {
+            // They stand one and a half meters apart, to the right.
+            let place = |id: u8| [x, y - 1.5 * f64::from(id - 1), z];
+            let yaw = 0.5 * turn as f64 - 1.0;
+            let go = |id: u8| json!({"type": "goto", "position": place(id), "yaw": yaw});
+            command_all(client, go, &what).await?;
+            tokio::time::sleep(Duration::from_millis(1500)).await;
+            let truth = truth.lock().unwrap();
+            for (&id, position) in &truth.positions {
+                let goal = place(id);
+                let error = (0..3).map(|i| (position[i] - goal[i]).powi(2)).sum::<f64>().sqrt();
+                worst = worst.max(error);
+            }
         }
-    }
-    command_all(client, |_| json!({"type": "land"}), &what).await;
+        command_all(client, |_| json!({"type": "land"}), &what).await?;
+        Ok(worst)
+    };
+    let worst: Result<f64, String> = flown.await;
     feeding.abort();
     let truth = truth.lock().unwrap();
     assert!(truth.mishaps.is_empty(), "{what}: {:?}", truth.mishaps);
-    assert!(truth.positions.values().all(|position| position[2].abs() < 0.05), "{what}");
+    let is_down = truth.positions.values().all(|position| position[2].abs() < 0.05);
+    assert!(worst.is_err() || is_down, "{what}");
     (worst, truth.longest_silence)
 }
 
@@ -284,8 +294,9 @@ async fn drones_of_others_fly_to_their_targets() {
     for flavor in ["ardupilot", "px4"] {
         for signed in [false, true] {
             for bad_link in [false, true] {
-                // In short: each value of each setting once.
-                let short = (flavor == "px4") == signed && signed == bad_link;
+                // In short: a good link; a bad one is flown in simulated time as well, where no
+                // busy machine comes between.
+                let short = (flavor == "px4") == signed && !bad_link;
                 if long || short {
                     trials.push(Trial { flavor, signed, bad_link });
                 }

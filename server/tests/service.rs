@@ -10,6 +10,7 @@ use std::{
 
 use serde_json::json;
 use support::{Client, Server};
+use volery_api::Role;
 
 /// Every operation of the description, with ids filled in.
 fn operations() -> Vec<(String, String)> {
@@ -31,6 +32,22 @@ async fn token(client: &Client, role: &str) -> String {
     made.json()["secret"].as_str().unwrap().to_owned()
 }
 
+/// Who may: readers ask, mappers make maps, pilots command, admins hand out tokens and keys.
+fn least_role(method: &str, path: &str) -> Role {
+    let asks = ["/localize", "/render", "/estimate"];
+    if path.starts_with("/v1/tokens") {
+        return Role::Admin;
+    }
+    if method == "GET" || asks.iter().any(|end| path.ends_with(end)) {
+        return Role::Viewer;
+    }
+    match path.strip_prefix("/v1/").unwrap_or(path).split('/').next() {
+        Some("drones") if matches!(method, "PUT" | "DELETE") => Role::Admin,
+        Some("drones" | "flights" | "geofences" | "all-stop") => Role::Pilot,
+        _ => Role::Mapper,
+    }
+}
+
 #[tokio::test]
 async fn every_route_asks_for_a_token_of_its_role() {
     let server = Server::start().await;
@@ -38,6 +55,7 @@ async fn every_route_asks_for_a_token_of_its_role() {
     let open = ["/", "/healthz", "/readyz", "/openapi.yaml"];
     let viewer = client.with_token(Some(&token(client, "viewer").await));
     let mapper = client.with_token(Some(&token(client, "mapper").await));
+    let pilot = client.with_token(Some(&token(client, "pilot").await));
     for (method, path) in operations() {
         let status = |client: Client| {
             let (method, path) = (method.clone(), path.clone());
@@ -49,10 +67,13 @@ async fn every_route_asks_for_a_token_of_its_role() {
             continue;
         }
         assert_eq!(nobody, 401, "{method} {path} without a token");
-        let admin_only = path.starts_with("/v1/tokens");
-        let reads = method == "GET" || path.ends_with("/localize") || path.ends_with("/render");
-        assert_eq!(status(viewer.clone()).await == 403, admin_only || !reads, "{method} {path}");
-        assert_eq!(status(mapper.clone()).await == 403, admin_only, "{method} {path}");
+        let may = |role| role >= least_role(&method, &path);
+        for (client, role) in
+            [(&viewer, Role::Viewer), (&mapper, Role::Mapper), (&pilot, Role::Pilot)]
+        {
+            let refused = status(client.clone()).await == 403;
+            assert_eq!(refused, !may(role), "{method} {path} as {role:?}");
+        }
         assert!(!matches!(status(client.clone()).await, 401 | 403 | 500..), "{method} {path}");
     }
     server.running.stop().await;
