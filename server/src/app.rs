@@ -25,7 +25,7 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        beacons, cameras, drones, exports, flights, images, imagesets, jobs, localize, maps,
+        beacons, cameras, drones, exports, flights, images, imagesets, jobs, localize, maps, page,
         priors, render, service, tokens, uploads,
     },
     state::App,
@@ -47,7 +47,7 @@ struct Description;
 /// Routes that answer at once.
 fn quick_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::with_openapi(Description::openapi())
-        .routes(routes!(service::front_page))
+        .routes(routes!(page::front_page))
         .routes(routes!(service::healthz))
         .routes(routes!(service::readyz))
         .routes(routes!(service::openapi_yaml))
@@ -159,6 +159,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     let slow: Router<Arc<App>> = slow_routes().into();
     let uploads: Router<Arc<App>> = upload_routes().into();
     quick
+        .merge(page::router())
         .layer(from_fn_with_state(Arc::clone(&app), limit_time))
         .layer(DefaultBodyLimit::max(limits.json_bytes as usize))
         .merge(slow.layer(DefaultBodyLimit::max(form as usize)))

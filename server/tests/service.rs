@@ -259,11 +259,37 @@ async fn a_body_that_trickles_is_given_up() {
 }
 
 #[tokio::test]
-async fn the_address_in_a_browser_says_where_to_begin() {
+async fn the_page_is_served_packed_cached_and_under_a_strict_policy() {
     let server = Server::start().await;
-    let page = server.client.with_token(None).get("/").await.expect(200);
+    let client = server.client.with_token(None);
+    let page = client.get("/").await.expect(200);
     assert!(page.header("content-type").unwrap().starts_with("text/html"));
-    assert!(String::from_utf8_lossy(&page.body).contains("/openapi.yaml"));
+    let policy = page.header("content-security-policy").unwrap();
+    assert!(policy.starts_with("default-src 'none'") && !policy.contains("unsafe"), "{policy}");
+    // Places of the page are the page; what is no place of its is none.
+    let (path, tag) = ("/maps/4711", page.header("etag").unwrap());
+    assert_eq!(client.get(path).await.expect(200).body, page.body);
+    client.send("GET", path, &[("If-None-Match", tag)], b"").await.expect(304);
+    for nowhere in ["/nowhere", "/v1/nowhere", "/assets/nowhere.js", "/assets/..%2findex.html"] {
+        assert_eq!(
+            client.with_token(Some("x")).get(nowhere).await.expect(404).code(),
+            "no_such_route"
+        );
+    }
+    let text = String::from_utf8(page.body.clone()).unwrap();
+    let assets: Vec<&str> = text.split('"').filter(|part| part.starts_with("/assets/")).collect();
+    assert!(assets.iter().any(|path| path.ends_with(".js")), "{text}");
+    for path in assets {
+        let plain = client.get(path).await.expect(200);
+        assert!(plain.header("cache-control").unwrap().contains("immutable"), "{path}");
+        let accept = [("Accept-Encoding", "br, gzip;q=0.5")];
+        let packed = client.send("GET", path, &accept, b"").await.expect(200);
+        assert_eq!(packed.header("content-encoding"), Some("gzip"));
+        assert_ne!(packed.header("etag"), plain.header("etag"));
+        assert!(packed.body.starts_with(&[0x1f, 0x8b]) && packed.body.len() < plain.body.len());
+        let refused = [("Accept-Encoding", "gzip;q=0")];
+        assert_eq!(client.send("GET", path, &refused, b"").await.body, plain.body);
+    }
 }
 
 #[tokio::test]

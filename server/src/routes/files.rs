@@ -23,13 +23,10 @@ pub(super) struct FileAnswer {
 /// The file, a range of it, or that the client has it.
 pub(super) async fn answer_file(file: FileAnswer, headers: &HeaderMap) -> ApiResult<Response> {
     let etag = format!("\"{}\"", file.etag);
-    let etag_value = HeaderValue::try_from(&etag).map_err(ApiError::internal)?;
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
-    if known.is_some_and(|known| matches(known, &etag)) {
-        let mut response = StatusCode::NOT_MODIFIED.into_response();
-        response.headers_mut().insert(header::ETAG, etag_value);
+    if let Some(response) = unchanged(&etag, headers) {
         return Ok(response);
     }
+    let etag_value = HeaderValue::try_from(&etag).map_err(ApiError::internal)?;
     let mut opened = tokio::fs::File::open(&file.path).await?;
     let size = opened.metadata().await?.len();
     let same =
@@ -65,6 +62,13 @@ pub(super) async fn answer_file(file: FileAnswer, headers: &HeaderMap) -> ApiRes
         answer.insert(header::CONTENT_RANGE, value);
     }
     Ok(response)
+}
+
+/// The answer to a client that has what the tag (with its quotes) stands for.
+pub(super) fn unchanged(etag: &str, headers: &HeaderMap) -> Option<Response> {
+    let known = headers.get(header::IF_NONE_MATCH)?.to_str().ok()?;
+    let tag = HeaderValue::try_from(etag).ok()?;
+    matches(known, etag).then(|| (StatusCode::NOT_MODIFIED, [(header::ETAG, tag)]).into_response())
 }
 
 /// Whether a list of tags holds `etag`; weak ones count, as for every GET.

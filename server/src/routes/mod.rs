@@ -12,6 +12,7 @@ mod ingest;
 pub(crate) mod jobs;
 pub(crate) mod localize;
 pub(crate) mod maps;
+pub(crate) mod page;
 pub(crate) mod priors;
 pub(crate) mod render;
 pub(crate) mod service;

@@ -6,19 +6,12 @@ use axum::{
     Json,
     extract::State,
     http::header,
-    response::{Html, IntoResponse, Response},
+    response::{IntoResponse, Response},
 };
 use volery_api::{Capabilities, Health, HealthCheck, Info, JobKind};
 
 use super::exports::EXPORTS;
 use crate::{answer::Unready, app, auth::Viewer, clock, error::ApiResult, state::App};
-
-/// Where to begin, for people who open the address in a browser.
-#[utoipa::path(get, path = "/", tag = "service", security(()),
-    responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
-pub(crate) async fn front_page() -> Html<&'static str> {
-    Html(include_str!("front_page.html"))
-}
 
 /// Whether the process lives.
 #[utoipa::path(get, path = "/healthz", tag = "service", security(()),

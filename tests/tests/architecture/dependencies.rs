@@ -106,6 +106,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-api",
             "axum",
             "bytes",
+            "flate2",
             "futures-util",
             "getrandom",
             "http-body-util",
