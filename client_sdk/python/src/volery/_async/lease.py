@@ -1,0 +1,128 @@
+"""Drones that are held by a script, and hold when it is gone."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Any, List, Mapping, Optional, Sequence, Type
+
+from .. import types
+from ..errors import CannotConnect, LeaseLost, ServerRefused
+from ..types import CreateLease, DroneState, HoldCommand, LandCommand
+from .api import AsyncApi
+from .concurrency import AsyncRepeater
+from .drones import AsyncDrone
+from .flights import AsyncFlight, fitting_map, plan_of
+from .http import AsyncHttp
+
+#: How long a lease lasts without being renewed, seconds: drones hold within a second.
+DEFAULT_TTL = 0.8
+#: Renewals within that time.
+RENEWALS = 4
+
+
+class AsyncLease:
+    """A group of drones that nobody else commands, from `client.lease([...])`.
+
+    The lease is renewed in the background. Leaving the `with` block holds the drones, and so does
+    the end of the script, however it ends.
+    """
+
+    def __init__(
+        self, http: AsyncHttp, drones: Sequence[int], map_id: Optional[str], ttl: float
+    ) -> None:
+        self._http = http
+        self._api = AsyncApi(http)
+        self._map_id = map_id
+        self._ttl_ms = round(ttl * 1000)
+        self._lease: Optional[types.Lease] = None
+        self._renewal: Optional[AsyncRepeater] = None
+        self._renewed = 0.0
+        self.ids: Sequence[int] = list(drones)
+        """MAVLink system ids."""
+
+    async def __aenter__(self) -> AsyncLease:
+        request = CreateLease(drones=self.ids, ttl_ms=self._ttl_ms)
+        self._lease = await self._api.create_lease(request)
+        self._renewed = time.monotonic()
+        self._renewal = AsyncRepeater(self._renew, self._ttl_ms / 1000 / RENEWALS)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        if self._renewal is not None:
+            await self._renewal.aclose()
+        try:
+            if self._lease is not None:
+                await self._api.delete_lease(self._lease.id)
+        except (CannotConnect, ServerRefused):
+            # It runs out by itself; an error of the block is more to the point.
+            if error is None:
+                raise
+
+    async def _renew(self) -> None:
+        if self._lease is not None:
+            self._lease = await self._api.renew_lease(self._lease.id)
+            self._renewed = time.monotonic()
+
+    def check(self) -> None:
+        """Raises `LeaseLost` if the server has not been reached in time."""
+        if self._lease is None or self._renewal is None:
+            raise LeaseLost("a lease is used inside of its `with` block")
+        silence = time.monotonic() - self._renewed
+        if self._renewal.error is not None or silence > self._ttl_ms / 1000:
+            cause = self._renewal.error
+            detail = f"the lease was not renewed for {silence:.1f} s: {cause or 'no answer'}"
+            raise LeaseLost(detail) from cause
+
+    async def drones(self) -> List[AsyncDrone]:
+        """Its drones."""
+        return [AsyncDrone(self._http, await self._api.get_drone(drone)) for drone in self.ids]
+
+    async def states(self) -> List[DroneState]:
+        """What its drones say."""
+        return [await self._api.drone_state(drone) for drone in self.ids]
+
+    async def plan(self, goals: Mapping[Any, Any], **options: Any) -> AsyncFlight:
+        """Plans a flight and checks the plan; see `fly` for goals and options."""
+        self.check()
+        map_id = self._map_id or await fitting_map(self._api)
+        request = await plan_of(self._api, map_id, goals, **options)
+        return AsyncFlight(self._http, await self._api.create_flight(request))
+
+    async def fly(
+        self, goals: Mapping[Any, Any], *, timeout: Optional[float] = None, **options: Any
+    ) -> AsyncFlight:
+        """Flies to goals and returns when all are there.
+
+        * `goals`: by drone, `(x, y, z)` or `(x, y, z, yaw)` in the map, meters and radians, or a
+          list of them; the group goes to its next goals together.
+        * `height`: drones on the ground first take off to this height above where they stand.
+        * `speed`: largest level speed, meters per second.
+        * `separation_m`: smallest distance between drones; heights count half.
+        * `style`: `horizontal_vertical` (the default) or `straight`.
+        * `exchange_goals`: drones may exchange their goals for shorter ways.
+
+        A plan that breaks a rule is refused before anybody moves: `Invalid` or `Conflict` with the
+        drones, the time and the place.
+        """
+        flight = await self.plan(goals, **options)
+        await flight.start()
+        return await flight.wait(timeout, check=self.check)
+
+    async def land(self, timeout: Optional[float] = None) -> None:
+        """Lands all and waits until they are down."""
+        self.check()
+        commands = [await drone.command(LandCommand()) for drone in await self.drones()]
+        for command in commands:
+            await command.wait(timeout)
+
+    async def hold(self) -> None:
+        """Everybody stops and stays."""
+        self.check()
+        for drone in await self.drones():
+            await drone.command(HoldCommand())

@@ -1,0 +1,334 @@
+# Written by generate.py; changes here are lost.
+"""The server, and everything that begins with it."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import (
+    Any,
+    Iterator,
+    Awaitable,
+    Callable,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Type,
+    TypeVar,
+    Union,
+)
+
+from ..errors import UploadRejected
+from ..photos import Photos, batches, encoded, listed, parts
+from ..progress import Progress, progress_of
+from ..types import (
+    AlertMessage,
+    Camera,
+    CreateImageSet,
+    CreateJob,
+    DroneAlert,
+    Geofence,
+    ImageSet,
+    Info,
+    JobState,
+    KnownDistance,
+    LocalizeManyAnswer,
+    LocalizeMethod,
+    LocalizePrior,
+    OriginRule,
+    Preset,
+    Prior,
+    PutPriors,
+    RegisterMaps,
+    RegistrationMethod,
+    StageGroup,
+    UploadReport,
+    UploadResult,
+)
+from ..wire import Page, json_of, quoted
+from .api import Api
+from .concurrency import in_order
+from .drones import Drone
+from .flights import Flight, fitting_map, plan_of
+from .http import READ_TIMEOUT, Http
+from .jobs import Job
+from .lease import DEFAULT_TTL, Lease
+from .maps import Map
+from .socket import topic_messages
+
+T = TypeVar("T")
+
+#: Requests with photos under way at once.
+PARALLEL_UPLOADS = 3
+#: Items of one page.
+PAGE = 200
+
+
+class Client:
+    """A Volery server.
+
+    ```python
+    with Client("http://127.0.0.1:8420", token="...") as client:
+        job = client.reconstruct("photos/", scale=KnownDistance("a.jpg", "b.jpg", 3.0))
+        map = job.wait(progress=True)
+        answer = map.localize("photo.jpg")
+    ```
+
+    * `server`: `http://HOST:PORT`; when absent, the environment's `VOLERY_SERVER`, else this
+      machine's port 8420.
+    * `token`: the environment's `VOLERY_TOKEN` when absent.
+    * `timeout`: longest wait for the next bytes of an answer, seconds.
+
+    `client.api` has every operation of the API under the name that `openapi.yaml` gives it.
+    """
+
+    def __init__(
+        self,
+        server: Optional[str] = None,
+        token: Optional[str] = None,
+        *,
+        timeout: float = READ_TIMEOUT,
+    ) -> None:
+        self._http = Http(server, token, timeout)
+        self.api = Api(self._http)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        trace: Optional[TracebackType],
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes all connections."""
+        self._http.close()
+
+    @property
+    def server(self) -> str:
+        """The server's address."""
+        return self._http.base
+
+    def info(self) -> Info:
+        """What the server is, can do, and refuses."""
+        return self.api.info()
+
+    def pages(
+        self, list_page: Callable[..., Page[T]], *ids: Any, **query: Any
+    ) -> Iterator[T]:
+        """All items of a paged list, page by page as they are asked for.
+
+        `client.pages(client.api.list_images, imageset_id)`. To go on where an earlier walk ended,
+        give its `cursor`.
+        """
+        query.setdefault("limit", PAGE)
+        while True:
+            page = list_page(*ids, **query)
+            for item in page.items:
+                yield item
+            if page.next_cursor is None:
+                return
+            query["cursor"] = page.next_cursor
+
+    # Photos to maps.
+
+    def upload(
+        self,
+        imageset: Union[str, ImageSet],
+        photos: Photos,
+        *,
+        progress: Progress = False,
+    ) -> UploadReport:
+        """Uploads photos into an image set, some at a time.
+
+        * `photos`: a folder, a file, or files. Their file names are their names in the set.
+        * `progress`: `True` for a line on standard error, or a function that takes how many are
+          done, how many there are, and what became of the latest `UploadResult`.
+
+        A photo that the server refuses does not stop the others: `results` says why, in the order
+        of the files. Uploading again is safe: the set knows its photos by their content.
+        """
+        imageset_id = imageset if isinstance(imageset, str) else imageset.id
+        files = listed(photos)
+        path = f"/v1/imagesets/{quoted(imageset_id)}/images"
+        results: List[UploadResult] = []
+
+        def send(group: Any) -> UploadReport:
+            return self._http.call(
+                "POST", path, json_of(UploadReport), files=parts(group), repeatable=True
+            )
+
+        with progress_of(progress, "upload", len(files)) as tell:
+            for report in in_order(send, batches(files), PARALLEL_UPLOADS):
+                for result in report.results:
+                    results.append(result)
+                    tell(len(results), result)
+        count = [
+            sum(r.status == status for r in results)
+            for status in ("stored", "duplicate", "rejected")
+        ]
+        return UploadReport(tuple(results), *count)
+
+    def reconstruct(
+        self,
+        photos: Photos,
+        *,
+        name: Optional[str] = None,
+        scale: Union[None, KnownDistance, Sequence[KnownDistance]] = None,
+        camera: Optional[Camera] = None,
+        priors: Optional[Mapping[str, Prior]] = None,
+        preset: Preset = "balanced",
+        stages: Sequence[StageGroup] = (),
+        origin: Optional[OriginRule] = None,
+        seed: int = 0,
+        progress: Progress = False,
+    ) -> Job:
+        """Uploads photos and queues the job that makes a map of them: `.wait()` gives the map.
+
+        * `photos`: a folder or files.
+        * `scale`: measured distances between the cameras of two photos, meters. Without scale and
+          without `priors` the map has no unit, and no drone may be flown by it.
+        * `camera`: calibration of all photos; from EXIF and refined when absent.
+        * `priors`: by file name, what the drone knew: attitude, height, position.
+        * `preset`: `fast` ends with the sparse map, `balanced` and `best` with a painted mesh.
+        * `stages`: ends earlier or later than the preset.
+        """
+        paths = listed(photos)
+        name = name or paths[0].resolve().parent.name
+        imageset = self.api.create_imageset(CreateImageSet(name=name))
+        report = self.upload(imageset, paths, progress=progress)
+        if report.stored + report.duplicates == 0:
+            reasons = ", ".join(sorted({result.code or "rejected" for result in report.results}))
+            raise UploadRejected(f"no photo was taken: {reasons}", results=report.results)
+        if priors:
+            self.api.put_priors(imageset.id, PutPriors(dict(priors)))
+        distances = [scale] if isinstance(scale, KnownDistance) else list(scale or ())
+        job = self.job(
+            CreateJob(
+                imageset_ids=[imageset.id],
+                map_name=name,
+                camera=camera,
+                known_distances=distances,
+                preset=preset,
+                stages=stages,
+                origin=origin,
+                seed=seed,
+            )
+        )
+        job.upload = report
+        return job
+
+    def job(self, job: Union[str, CreateJob]) -> Job:
+        """A job by its id, or a new one."""
+        if isinstance(job, str):
+            return Job(self._http, self.api.get_job(job))
+        return Job(self._http, self.api.create_job(job))
+
+    def jobs(self, state: Optional[JobState] = None) -> List[Job]:
+        """All jobs, or those in one state, oldest first."""
+        found = self.pages(self.api.list_jobs, state=state)
+        return [Job(self._http, job) for job in found]
+
+    def map(self, map_id: str) -> Map:
+        """A map by its id."""
+        return Map(self._http, self.api.get_map(map_id))
+
+    def maps(self) -> List[Map]:
+        """All maps."""
+        return [Map(self._http, map) for map in self.pages(self.api.list_maps)]
+
+    def register(
+        self,
+        maps: Sequence[Union[str, Map]],
+        *,
+        method: RegistrationMethod = "auto",
+        with_scale: bool = False,
+        name: Optional[str] = None,
+    ) -> Job:
+        """Queues the job that joins maps which share a part, in the frame of the first."""
+        ids = [map if isinstance(map, str) else map.id for map in maps]
+        request = RegisterMaps(maps=ids, method=method, with_scale=with_scale, map_name=name)
+        job = self.api.register_maps(request)
+        return Job(self._http, job)
+
+    def localize(
+        self,
+        photo: Any,
+        maps: Sequence[Union[str, Map]],
+        *,
+        camera: Optional[Camera] = None,
+        prior: Optional[LocalizePrior] = None,
+        method: Optional[LocalizeMethod] = None,
+    ) -> LocalizeManyAnswer:
+        """The pose of a photo in the one of several maps that knows it best."""
+        ids = ",".join(map if isinstance(map, str) else map.id for map in maps)
+        return self.api.localize_in_maps(
+            encoded(photo), map_ids=ids, camera=camera, pose_prior=prior, method=method
+        )
+
+    # Drones.
+
+    def drone(self, drone_id: int) -> Drone:
+        """A drone by its MAVLink system id."""
+        return Drone(self._http, self.api.get_drone(drone_id))
+
+    def drones(self) -> List[Drone]:
+        """Drones that are registered or were heard."""
+        return [Drone(self._http, drone) for drone in (self.api.list_drones()).items]
+
+    def lease(
+        self,
+        drones: Sequence[Union[int, Drone]],
+        *,
+        map: Union[None, str, Map] = None,
+        ttl: float = DEFAULT_TTL,
+    ) -> Lease:
+        """Takes drones for a `with` block: nobody else commands them in it.
+
+        ```python
+        with client.lease([1, 2, 3]) as group:
+            group.fly({1: (0, 0, 1.5), 2: (1, 0, 1.5), 3: (2, 0, 1.5)})
+        ```
+
+        The lease is kept alive in the background. When the block is left, or the script dies, the
+        drones hold within `ttl` seconds, and land half a minute later if nobody takes them.
+
+        * `map`: whose frame goals are in; the only metric map of the server when absent.
+        """
+        ids = [drone if isinstance(drone, int) else drone.id for drone in drones]
+        return Lease(
+            self._http, ids, map if map is None or isinstance(map, str) else map.id, ttl
+        )
+
+    def plan(
+        self,
+        goals: Mapping[Any, Any],
+        *,
+        map: Union[None, str, Map] = None,
+        **options: Any,
+    ) -> Flight:
+        """Plans a flight and checks the plan, without flying it; see `Lease.fly`."""
+        map_id = map if isinstance(map, str) else map.id if map else fitting_map(self.api)
+        request = plan_of(self.api, map_id, goals, **options)
+        return Flight(self._http, self.api.create_flight(request))
+
+    def all_stop(self) -> int:
+        """Stops every drone at once: motors off, they fall. Answers how many were armed."""
+        return len((self.api.all_stop()).commands)
+
+    def set_fence(self, fence: Geofence) -> Geofence:
+        """Fences a map: flights that leave it are not planned."""
+        return self.api.put_geofence(fence)
+
+    def alerts(self) -> Iterator[DroneAlert]:
+        """What somebody should look at, as it happens."""
+        for message in topic_messages(self._http, "alerts"):
+            if isinstance(message, AlertMessage):
+                yield message.alert
+
+    def only_map(self) -> Map:
+        """The only metric map of the server."""
+        return self.map(fitting_map(self.api))

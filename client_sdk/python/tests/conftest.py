@@ -1,0 +1,58 @@
+"""One server, one scan, one map and one group of drones for all tests."""
+
+from __future__ import annotations
+
+from typing import Iterator
+
+import pytest
+from support.room import Room, Scan, camera, scan
+from support.server import Field, Server, until
+
+from volery import Client, Map
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """The real server."""
+    server = Server(tmp_path_factory.mktemp("server") / "data")
+    yield server
+    server.stop()
+
+
+@pytest.fixture(scope="session")
+def client(server: Server) -> Iterator[Client]:
+    """A client that may do all."""
+    with server.client() as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def room() -> Room:
+    """A room."""
+    return Room()
+
+
+@pytest.fixture(scope="session")
+def photos(room: Room, tmp_path_factory: pytest.TempPathFactory) -> Scan:
+    """Photos of the room."""
+    return scan(room, tmp_path_factory.mktemp("scan"))
+
+
+@pytest.fixture(scope="session")
+def hall(client: Client, photos: Scan) -> Map:
+    """A metric map of the room, in its frame."""
+    job = client.reconstruct(photos.folder, camera=camera(), priors=photos.priors, preset="fast")
+    return job.wait()
+
+
+@pytest.fixture(scope="session")
+def field(server: Server, client: Client) -> Iterator[Field]:
+    """Three drones whose estimators know where they are."""
+    with Field(server, 3) as field:
+        until(lambda: all(_is_ready(client, drone) for drone in field.ids), "drones are ready")
+        yield field
+
+
+def _is_ready(client: Client, drone: int) -> bool:
+    known = [known for known in client.api.list_drones().items if known.id == drone]
+    return bool(known and known[0].state and known[0].state.feed == "ready")
