@@ -1,6 +1,11 @@
-import { Empty } from '../../ui/empty';
+import { lazyView } from '../../ui/lazy';
+import { MapList } from './list';
 
-/** `rest`: the parts of the address after `/maps`. */
-export function Maps({ rest: _ }: { rest: string[] }) {
-  return <Empty title="Maps" icon="maps" />;
+const MapPage = lazyView(() => import('./map-page').then((module) => module.MapPage));
+
+/** `/maps`, `/maps/{id}`, `/maps/{id}/{version}`. */
+export function Maps({ rest }: { rest: string[] }) {
+  const [id, version] = rest;
+  if (id === undefined) return <MapList />;
+  return <MapPage key={`${id}/${version}`} id={id} version={version ? Number(version) : undefined} />;
 }

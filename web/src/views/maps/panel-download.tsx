@@ -1,0 +1,59 @@
+import { useState } from 'preact/hooks';
+import { toastError } from '../../state/toasts';
+import { download } from '../../ui/download';
+import { bytes } from '../../ui/format';
+import { Icon } from '../../ui/icons';
+import type { MapData } from './map-data';
+
+/** Exports by what they are for; `made` are packed when they are asked for. */
+const EXPORTS: { name: string; text: string; made?: boolean }[] = [
+  { name: 'map.glb', text: 'Textured surface for viewers and engines (glTF)' },
+  { name: 'mesh.ply', text: 'Surface with colors' },
+  { name: 'dense.ply', text: 'Dense cloud with normals' },
+  { name: 'sparse.ply', text: 'Sparse points' },
+  { name: 'poses.csv', text: 'Poses of the cameras' },
+  { name: 'transforms.json', text: 'Poses for nerfstudio' },
+  { name: 'colmap_bin.zip', text: 'COLMAP model, binary', made: true },
+  { name: 'colmap.zip', text: 'COLMAP model, text', made: true },
+  { name: 'freespace.bin', text: 'Where the air is free' },
+  { name: 'report.html', text: 'Report with pictures' },
+  { name: 'map.json', text: 'What the map says of itself' },
+];
+
+export function DownloadPanel({ data }: { data: MapData }) {
+  const { version, map } = data;
+  const sizes = new Map(version.files.map(({ path, size }) => [path, size]));
+  const [busy, setBusy] = useState<string | null>(null);
+  const take = async (name: string) => {
+    setBusy(name);
+    try {
+      const options = { at: { id: map.id, name }, query: { version: version.version } };
+      const file = `${map.name.replace(/[^\w.-]+/g, '_')}-${version.version}-${name}`;
+      await download('/v1/maps/{id}/export/{name}', options, file);
+    } catch (error) {
+      toastError(error);
+    }
+    setBusy(null);
+  };
+  return (
+    <ul class="lines">
+      {EXPORTS.filter(({ name, made }) => made || sizes.has(name)).map(({ name, text }) => (
+        <li key={name} class="row">
+          <div class="grow">
+            <div>{name} <span class="muted num">{sizes.has(name) && bytes(sizes.get(name)!)}</span></div>
+            <p class="field-help">{text}</p>
+          </div>
+          <button
+            type="button"
+            class="icon-only"
+            aria-label={`Download ${name}`}
+            disabled={busy !== null}
+            onClick={() => void take(name)}
+          >
+            <Icon name="download" />
+          </button>
+        </li>
+      ))}
+    </ul>
+  );
+}
