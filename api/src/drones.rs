@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 /// Which MAVLink message carries poses to a drone's estimator.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -230,4 +231,48 @@ pub struct DroneEvent {
     pub value: String,
     /// For people, or the id of the command.
     pub detail: Option<String>,
+}
+
+/// Something about a drone that somebody should look at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct DroneAlert {
+    /// System id of the drone.
+    pub drone: u8,
+    /// The flight that it flies in, where the alert comes from the flight.
+    pub flight_id: Option<Uuid>,
+    /// Nanoseconds since the Unix epoch.
+    pub t_ns: u64,
+    /// What: `pose_stale`, `link_lost`, `lease_over`, `battery_low`, `too_close`, `pose_refused`,
+    /// `control_taken`, `not_in_control`, `impostor`, `shared_address` and others.
+    pub code: String,
+    /// What the service does about it (`holds`, `lands`), or more about it.
+    pub detail: Option<String>,
+}
+
+/// A promise to be there for drones: it has to be renewed before its time is over.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateLease {
+    /// Which drones, by MAVLink system id.
+    #[schema(min_items = 1, max_items = 100)]
+    pub drones: Vec<u8>,
+    /// How long the promise lasts without being renewed, milliseconds.
+    #[schema(minimum = 200, maximum = 60000)]
+    pub ttl_ms: u32,
+}
+
+/// A lease: until it is over, nobody else commands its drones. When it is over, and nobody else
+/// takes them, they hold, and land half a minute later.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Lease {
+    /// Within the life of the service.
+    pub id: Uuid,
+    /// Name of the token that holds it.
+    pub holder: String,
+    /// Which drones, by MAVLink system id.
+    pub drones: Vec<u8>,
+    /// How long it lasts without being renewed, milliseconds.
+    pub ttl_ms: u32,
+    /// How long it still lasts, milliseconds.
+    pub left_ms: u32,
 }

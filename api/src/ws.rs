@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::{
-    Camera, FlightNews, FrameTelemetry, ImageEncoding, JobEvent, LocalizeAnswer, LocalizePrior,
-    TrackedFrame,
+    Camera, DroneAlert, DroneCommandStatus, DroneState, FlightNews, FrameTelemetry, ImageEncoding,
+    JobEvent, LocalizeAnswer, LocalizePrior, TrackedFrame,
 };
 
 /// First two bytes of a binary frame: `VY`.
@@ -43,10 +43,12 @@ pub struct ClientMessage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "type", deny_unknown_fields)]
 pub enum ClientBody {
-    /// Events of a topic: `job:<id>`, `jobs`, `pose:<drone>` or `pose:*`.
+    /// Events of a topic.
     #[serde(rename = "subscribe")]
     Subscribe {
-        /// `job:<id>`, `jobs`, `pose:<drone>` or `pose:*`.
+        /// `jobs`, `job:<id>`; `pose:<drone>`; `drone:<drone>`, its states ten times a second and
+        /// how its commands go; `flights`, `flight:<id>`; `alerts`. `*` in place of a drone means
+        /// all.
         topic: String,
         /// Events of the job with greater numbers only, past ones too; without it, from now on.
         #[serde(default)]
@@ -199,6 +201,30 @@ pub enum ServerBody {
         flight_id: Uuid,
         /// The event.
         event: FlightNews,
+    },
+    /// What a drone says, ten times a second; of several that wait, the newest.
+    #[serde(rename = "drone.state")]
+    DroneState {
+        /// As subscribed.
+        topic: String,
+        /// As REST answers it.
+        state: Box<DroneState>,
+    },
+    /// A command went on.
+    #[serde(rename = "command.state")]
+    CommandState {
+        /// As subscribed.
+        topic: String,
+        /// As REST answers it.
+        command: DroneCommandStatus,
+    },
+    /// Somebody should look.
+    #[serde(rename = "alert")]
+    Alert {
+        /// As subscribed.
+        topic: String,
+        /// At what.
+        alert: DroneAlert,
     },
     /// Events were lost: read them again by `after`.
     #[serde(rename = "resync")]

@@ -16,7 +16,7 @@ use crate::{
     refusal::CommandRefusal,
     task::{self, Command, CommandId, CommandState},
     telemetry::{Telemetry, uptime},
-    watchdog::{Health, Verdict, WatchdogLimits, judge},
+    watchdog::{Health, Reason, Verdict, WatchdogLimits, judge},
 };
 
 /// Braking that every multicopter manages, meters per second squared.
@@ -218,7 +218,18 @@ impl Vehicle {
         command: &Command,
         now: Duration,
     ) -> Result<Vec<Happening>, CommandRefusal> {
-        self.check_command(command, now)?;
+        let before = (self.lease_until, self.verdict);
+        if self.lease_until.is_some_and(|until| until <= now) {
+            // Whoever commands is there: the lease of somebody who is not binds no more.
+            self.lease_until = None;
+            if self.verdict == Verdict::Hold(Reason::LeaseOver) {
+                self.verdict = judge(&self.health(now), &self.limits);
+            }
+        }
+        if let Err(refusal) = self.check_command(command, now) {
+            (self.lease_until, self.verdict) = before;
+            return Err(refusal);
+        }
         let nowhere = Setpoint::at(nalgebra::Point3::origin(), 0.0);
         let here = self.here().unwrap_or(nowhere);
         let stop = self.stopping_point().unwrap_or(nowhere);
@@ -337,6 +348,10 @@ impl Vehicle {
 
     /// Acts on what must not go on in flight.
     fn guard(&mut self, now: Duration) -> Vec<Happening> {
+        if !self.telemetry.is_flying() {
+            // On the ground nothing is to be held.
+            self.lease_until.take_if(|until| *until <= now);
+        }
         if !self.telemetry.is_flying() || !self.is_in_control() {
             self.verdict = Verdict::Continue;
             return Vec::new();

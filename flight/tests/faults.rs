@@ -6,7 +6,10 @@ use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
 use rig::{Conditions, Rig};
-use volery_flight::{Alert, Command, Happening, Setpoint, VehicleId, watchdog::Reason};
+use volery_flight::{
+    Alert, Command, Happening, Setpoint, VehicleId,
+    watchdog::{Reason, Verdict},
+};
 use volery_simulator::{Flavor, Mode, PoseFault};
 
 const FOREVER: Duration = Duration::from_secs(10_000);
@@ -105,19 +108,40 @@ fn after_a_short_outage_the_flight_goes_on() {
 #[test]
 fn a_lapsed_lease_holds() {
     let mut rig = under_way(Flavor::ArduPilot, 5);
-    rig.fleet.lease(VehicleId(1), Some(rig.now + Duration::from_millis(500)));
+    let end = rig.now + Duration::from_millis(500);
+    rig.fleet.lease(VehicleId(1), Some(end));
     rig.run(4.0);
-    assert!(alerted(&rig, Alert::Holds(Reason::LeaseOver)).is_some());
+    let held = alerted(&rig, Alert::Holds(Reason::LeaseOver)).unwrap();
+    assert!(held >= end && held <= end + Duration::from_millis(100), "{held:?} {end:?}");
     assert!(rig.world.drones[0].body().velocity.norm() < 0.2);
     let command = Command::Go {
         setpoint: Setpoint::at(Point3::new(0.0, 0.0, 1.5), 0.0),
         tolerance: 0.2,
         timeout: Duration::from_secs(9),
     };
-    assert!(rig.fleet.command(VehicleId(1), &command, rig.now).is_err(), "nobody flies it");
-    rig.fleet.lease(VehicleId(1), None);
-    rig.step();
-    assert!(rig.fleet.command(VehicleId(1), &command, rig.now).is_ok());
+    let plan = Setpoint::at(Point3::new(5.0, 0.0, 1.5), 0.0);
+    assert!(rig.fleet.steer(VehicleId(1), plan, rig.now).is_err(), "a plan is nobody");
+    assert!(
+        rig.fleet.command(VehicleId(1), &command, rig.now).is_ok(),
+        "whoever commands is there"
+    );
+    rig.run(2.0);
+    assert!(rig.fleet.vehicle(VehicleId(1)).unwrap().verdict() == Verdict::Continue);
+}
+
+/// A vehicle whose pilot does not come back lands; on the ground a lapsed lease means nothing.
+#[test]
+fn a_vehicle_without_a_pilot_lands() {
+    let mut rig = under_way(Flavor::Px4, 5);
+    let end = rig.now + Duration::from_millis(500);
+    rig.fleet.lease(VehicleId(1), Some(end));
+    assert!(rig.run_until(60.0, |rig| !rig.world.drones[0].is_armed()));
+    let landed = alerted(&rig, Alert::Lands(Reason::LeaseOver)).unwrap();
+    assert!(landed >= end + Duration::from_secs(30), "{landed:?} {end:?}");
+    rig.run(1.0);
+    rig.take_off();
+    rig.run(2.0);
+    assert!(rig.fleet.vehicle(VehicleId(1)).unwrap().verdict() == Verdict::Continue);
 }
 
 /// A plan that is not renewed ends in a hold, not in a flight to its last point.

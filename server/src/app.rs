@@ -25,8 +25,8 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        beacons, cameras, drones, exports, flights, images, imagesets, jobs, localize, maps, page,
-        priors, render, service, tokens, uploads,
+        beacons, cameras, drones, exports, flights, images, imagesets, jobs, leases, localize,
+        maps, page, priors, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -95,6 +95,9 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
         .routes(routes!(drones::all_stop))
+        .routes(routes!(leases::create_lease, leases::list_leases))
+        .routes(routes!(leases::renew_lease))
+        .routes(routes!(leases::delete_lease))
         .routes(routes!(beacons::estimate))
 }
 

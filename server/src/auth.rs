@@ -35,6 +35,8 @@ const MAX_KEPT: usize = 4096;
 pub(crate) struct Caller {
     /// Of the token; nil for a caller from this machine without one.
     pub(crate) id: Uuid,
+    /// Of the token, for people.
+    pub(crate) name: String,
     pub(crate) role: Role,
 }
 
@@ -135,7 +137,11 @@ async fn authenticate(parts: &Parts, app: &App) -> ApiResult<Caller> {
             && address.to_canonical().is_loopback()
             && !is_foreign_page(&parts.headers)
         {
-            return Ok(Caller { id: Uuid::nil(), role: Role::Admin });
+            return Ok(Caller {
+                id: Uuid::nil(),
+                name: "this machine".to_owned(),
+                role: Role::Admin,
+            });
         }
         return Err(ApiError::new(Code::Unauthorized, "the request carries no token")
             .hint("send `Authorization: Bearer <token>`"));
@@ -152,7 +158,7 @@ async fn authenticate(parts: &Parts, app: &App) -> ApiResult<Caller> {
         return Err(ApiError::new(Code::TokenExpired, "the token has expired")
             .hint("ask an admin for a new one"));
     }
-    let caller = Caller { id: token.id, role: token.role };
+    let caller = Caller { id: token.id, name: token.name, role: token.role };
     app.guard.passed(hash, caller.clone());
     Ok(caller)
 }
@@ -228,7 +234,7 @@ mod tests {
             guard.failed(address, now);
         }
         assert_eq!(guard.check(address, &[0; 32], now).unwrap_err().code(), "too_many_failures");
-        guard.passed([1; 32], Caller { id: Uuid::nil(), role: Role::Viewer });
+        guard.passed([1; 32], Caller { id: Uuid::nil(), name: String::new(), role: Role::Viewer });
         guard.check(address, &[1; 32], now).unwrap();
         guard.check(address, &[0; 32], now + WINDOW).unwrap();
     }

@@ -1,9 +1,10 @@
 //! Drones.
 
 use reqwest::Method;
+use uuid::Uuid;
 use volery_api::{
-    AllStopped, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer, DroneState,
-    PutDrone,
+    AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer,
+    DroneState, Lease, PutDrone,
 };
 
 use crate::{Client, ClientError};
@@ -62,5 +63,27 @@ impl Client {
     pub async fn all_stop(&self) -> Result<AllStopped, ClientError> {
         let make = || self.request(Method::POST, "/v1/all-stop");
         Ok(self.send(make).await?.json().await?)
+    }
+
+    /// Takes drones: nobody else commands them while the lease lasts, and they hold when it is over.
+    pub async fn lease(&self, drones: &[u8], ttl_ms: u32) -> Result<Lease, ClientError> {
+        let request = CreateLease { drones: drones.to_vec(), ttl_ms };
+        self.call(Method::POST, "/v1/leases", &request).await
+    }
+
+    /// Leases that are not over.
+    pub async fn leases(&self) -> Result<Vec<Lease>, ClientError> {
+        self.list("/v1/leases").await
+    }
+
+    /// Renews a lease.
+    pub async fn renew_lease(&self, id: Uuid) -> Result<Lease, ClientError> {
+        let make = || self.request(Method::POST, &format!("/v1/leases/{id}/renew"));
+        Ok(self.send(make).await?.json().await?)
+    }
+
+    /// Ends a lease: its drones hold.
+    pub async fn release_lease(&self, id: Uuid) -> Result<(), ClientError> {
+        self.delete(&format!("/v1/leases/{id}")).await
     }
 }

@@ -2,10 +2,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use volery_api::{DroneCommandStatus, DroneEvent};
-use volery_flight::{Event, Happening};
+use volery_api::{DroneAlert, DroneCommandStatus, DroneEvent};
+use volery_flight::{Event, Happening, LinkState};
 
-use super::wire;
+use super::{
+    news::{DroneNews, News},
+    wire,
+};
 
 /// Events kept.
 const MAX_EVENTS: usize = 4096;
@@ -25,17 +28,26 @@ impl Journal {
         Self { events: VecDeque::new(), commands: BTreeMap::new(), last_seq: 0 }
     }
 
-    pub(super) fn write(&mut self, event: &Event, t_ns: u64) {
+    pub(super) fn write(&mut self, event: &Event, t_ns: u64, news: &News) {
         let drone = event.vehicle.0;
         if let Happening::Command { id, state } = &event.happening {
             let status = wire::command_status(*id, event.vehicle, state);
             if self.commands.len() >= MAX_COMMANDS {
                 self.commands.pop_first();
             }
-            self.commands.insert(id.0, status);
+            self.commands.insert(id.0, status.clone());
+            news.tell(DroneNews::Command(status));
         }
         self.last_seq += 1;
         let (kind, value, detail) = wire::happening(&event.happening);
+        let alert = match &event.happening {
+            Happening::Alert(_) => Some((value.clone(), detail.clone())),
+            Happening::Link(LinkState::Lost) => Some(("link_lost".to_owned(), None)),
+            _ => None,
+        };
+        if let Some((code, detail)) = alert {
+            news.tell(DroneNews::Alert(DroneAlert { drone, flight_id: None, t_ns, code, detail }));
+        }
         let event =
             DroneEvent { seq: self.last_seq, drone, t_ns, kind: kind.to_owned(), value, detail };
         tracing::info!(

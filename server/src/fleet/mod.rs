@@ -5,9 +5,13 @@
 //! and the wire.
 
 mod journal;
+mod leases;
+mod news;
 mod service;
 mod signing_time;
 mod wire;
 
-pub(crate) use service::Drones;
+pub(crate) use leases::LeaseRefusal;
+pub(crate) use news::DroneNews;
+pub(crate) use service::{Drones, NotCommanded};
 pub(crate) use wire::{is_mount, key as parse_key};

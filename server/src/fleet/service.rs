@@ -12,16 +12,30 @@ use std::{
     time::{Duration, Instant},
 };
 
+use tokio::sync::{broadcast, watch};
+use uuid::Uuid;
 use volery_api::{
-    AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DroneState,
-    PutDrone, TrackedFrame, VisionMessage,
+    AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose,
+    DroneState, Flight, Lease, PutDrone, TrackedFrame, VisionMessage,
 };
 use volery_flight::{
     CommandRefusal, CommandState, Fleet, FleetOptions, Key, PoseRefusal, VehicleId,
 };
 
-use super::{journal::Journal, signing_time::SigningTime, wire};
-use crate::{clock, config::MavlinkSettings, flights::Flights};
+use super::{
+    journal::Journal,
+    leases::{LeaseRefusal, Leases},
+    news::{DroneNews, News},
+    signing_time::SigningTime,
+    wire,
+};
+use crate::{
+    auth::Caller,
+    clock,
+    config::MavlinkSettings,
+    flights::{FlightRefusal, Flights, Wish},
+    idempotency::Identity,
+};
 
 /// Bytes that may wait while the thread is not running: two seconds of fifty drones.
 const RECEIVE_BUFFER: usize = 8 << 20;
@@ -36,6 +50,17 @@ const KEEP_TIME: Duration = Duration::from_secs(10);
 #[derive(Debug, thiserror::Error)]
 #[error("cannot open the drones' link at {0}: {1}")]
 pub(crate) struct DroneLinkError(pub(crate) SocketAddr, pub(crate) std::io::Error);
+
+/// Why a drone is not commanded.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum NotCommanded {
+    /// Its state forbids it.
+    #[error(transparent)]
+    Refused(#[from] CommandRefusal),
+    /// Somebody else commands it.
+    #[error(transparent)]
+    Leased(#[from] LeaseRefusal),
+}
 
 /// All drones of the service.
 #[derive(Debug)]
@@ -59,6 +84,8 @@ struct State {
     journal: Journal,
     registered: BTreeMap<u8, PutDrone>,
     flights: Flights,
+    leases: Leases,
+    news: News,
 }
 
 impl Drones {
@@ -90,6 +117,8 @@ impl Drones {
                 journal: Journal::new(),
                 registered: BTreeMap::new(),
                 flights: Flights::new(),
+                leases: Leases::default(),
+                news: News::new(),
             }),
         });
         let thread = std::thread::Builder::new().name("drones".to_owned()).spawn({
@@ -166,10 +195,12 @@ impl Drones {
     /// Gives a command.
     pub(crate) fn command(
         &self,
+        caller: &Caller,
         id: u8,
         command: &DroneCommand,
-    ) -> Result<DroneCommandStatus, CommandRefusal> {
+    ) -> Result<DroneCommandStatus, NotCommanded> {
         self.shared.with(|state, now| {
+            state.leases.allow(caller.id, id, now)?;
             let vehicle = VehicleId(id);
             let here = state.fleet.vehicle(vehicle).and_then(|vehicle| vehicle.here());
             let command = wire::command(command, here);
@@ -215,6 +246,63 @@ impl Drones {
         change: impl FnOnce(&mut Flights, &mut Fleet, Duration) -> T,
     ) -> T {
         self.shared.with(|state, now| change(&mut state.flights, &mut state.fleet, now))
+    }
+
+    /// Starts, pauses, resumes or aborts a flight.
+    pub(crate) fn wish(
+        &self,
+        caller: &Caller,
+        id: Uuid,
+        wish: Wish,
+    ) -> Result<Flight, FlightRefusal> {
+        self.shared.with(|state, now| {
+            for drone in state.flights.drones(id) {
+                state.leases.allow(caller.id, drone.0, now)?;
+            }
+            state.flights.wish(id, wish, &mut state.fleet, now)
+        })
+    }
+
+    /// Takes a lease.
+    pub(crate) fn lease(
+        &self,
+        caller: &Caller,
+        identity: Identity,
+        request: &CreateLease,
+    ) -> Result<Lease, LeaseRefusal> {
+        self.shared
+            .with(|state, now| state.leases.take(caller, identity, request, &mut state.fleet, now))
+    }
+
+    /// Renews a lease.
+    pub(crate) fn renew_lease(&self, caller: &Caller, id: Uuid) -> Result<Lease, LeaseRefusal> {
+        self.shared.with(|state, now| {
+            state.leases.forget(now);
+            state.leases.renew(caller, id, &mut state.fleet, now)
+        })
+    }
+
+    /// Ends a lease.
+    pub(crate) fn release(&self, caller: &Caller, id: Uuid) -> Result<(), LeaseRefusal> {
+        self.shared.with(|state, now| {
+            state.leases.forget(now);
+            state.leases.release(caller, id, &mut state.fleet, now)
+        })
+    }
+
+    /// Leases that are not over.
+    pub(crate) fn leases(&self) -> Vec<Lease> {
+        self.shared.with(|state, now| state.leases.list(now))
+    }
+
+    /// States of all drones, ten times a second.
+    pub(crate) fn watch(&self) -> watch::Receiver<Arc<[DroneState]>> {
+        self.shared.with(|state, _| state.news.watch())
+    }
+
+    /// Commands and alerts of all drones from now on.
+    pub(crate) fn listen(&self) -> broadcast::Receiver<DroneNews> {
+        self.shared.with(|state, _| state.news.listen())
     }
 
     /// Stops all.
@@ -274,8 +362,12 @@ impl Shared {
         }
         let t_ns = clock::now_ns();
         for event in state.fleet.take_events() {
-            state.journal.write(&event, t_ns);
+            state.journal.write(&event, t_ns, &state.news);
         }
+        let fleet = &state.fleet;
+        state.news.tell_states(now, || {
+            fleet.vehicles().map(|vehicle| wire::drone_state(vehicle, now, t_ns))
+        });
     }
 
     /// Receives, and sends when it is time, until it is told to end.

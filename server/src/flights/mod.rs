@@ -17,6 +17,8 @@ use volery_flight::{
     group::{BeginRefused, Conductor, FlightState, StartRefused},
 };
 
+use crate::fleet::LeaseRefusal;
+
 pub(crate) use plan::{Space, parse_fence, plan};
 
 /// Flights kept; the oldest that are over are forgotten.
@@ -43,6 +45,9 @@ pub(crate) enum FlightRefusal {
         /// With whom.
         flight: Uuid,
     },
+    /// Somebody else commands a drone.
+    #[error(transparent)]
+    Leased(#[from] LeaseRefusal),
     /// The state of the flight or of a drone forbids it.
     #[error(transparent)]
     Begin(#[from] BeginRefused),
@@ -58,6 +63,7 @@ impl FlightRefusal {
             Self::Unknown => "not_found",
             Self::TooMany => "too_many_flights",
             Self::Busy { .. } => "drone_busy",
+            Self::Leased(_) => "drone_leased",
             Self::Begin(BeginRefused::TakeOff { .. }) => "no_takeoff",
             Self::Begin(BeginRefused::Start(refusal)) => match refusal {
                 StartRefused::State { .. } => "flight_state",
@@ -163,6 +169,12 @@ impl Flights {
             return Err(FlightRefusal::State(state));
         }
         Ok(wire::flight(id, entry))
+    }
+
+    /// Who flies in it.
+    pub(crate) fn drones(&self, id: Uuid) -> impl Iterator<Item = VehicleId> {
+        let entry = self.flights.get(&id).into_iter();
+        entry.flat_map(|entry| entry.conductor.coordinator().plan().ways.keys().copied())
     }
 
     /// Drones in the air with another flight than `id`.

@@ -9,17 +9,17 @@ use volery_api::{
 };
 use volery_flight::CommandRefusal;
 
-use super::tokens::check_name;
+use super::{leases, tokens::check_name};
 use crate::{
     answer::{Accepted, Deleted},
     auth::{Admin, Pilot, Stopper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
-    fleet::{Drones, is_mount, parse_key},
+    fleet::{Drones, NotCommanded, is_mount, parse_key},
     state::App,
 };
 
-fn drones(app: &App) -> ApiResult<&Drones> {
+pub(super) fn drones(app: &App) -> ApiResult<&Drones> {
     app.drones.as_ref().ok_or_else(|| {
         ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
             .hint("start it with --mavlink")
@@ -132,7 +132,8 @@ pub(crate) async fn command_drone(
     At(id): At<u8>,
     Body(command): Body<DroneCommand>,
 ) -> ApiResult<Accepted<DroneCommandStatus>> {
-    let status = drones(&app)?.command(id, &command).map_err(|refusal| refused(id, refusal))?;
+    let status =
+        drones(&app)?.command(&caller, id, &command).map_err(|refusal| refused(id, refusal))?;
     tracing::info!(token = %caller.id, drone = id, ?command, "drone {id} is commanded");
     Ok(Accepted(format!("/v1/drones/{id}/commands/{}", status.id), status))
 }
@@ -183,7 +184,11 @@ pub(crate) async fn all_stop(
     Ok(Json(stopped))
 }
 
-fn refused(id: u8, refusal: CommandRefusal) -> ApiError {
+fn refused(id: u8, refusal: NotCommanded) -> ApiError {
+    let refusal = match refusal {
+        NotCommanded::Leased(refusal) => return leases::refused(refusal),
+        NotCommanded::Refused(refusal) => refusal,
+    };
     match refusal {
         CommandRefusal::UnknownVehicle => not_heard(id),
         CommandRefusal::BadNumber => {

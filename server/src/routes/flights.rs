@@ -6,12 +6,12 @@ use axum::{Json, extract::State};
 use uuid::Uuid;
 use volery_api::{CreateFlight, Flight, Geofence};
 
+use super::drones::drones;
 use crate::{
     answer::{Accepted, Created},
-    auth::{Pilot, Viewer},
+    auth::{Caller, Pilot, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{At, Body},
-    fleet::Drones,
     flights::{FlightRefusal, Space, Wish, parse_fence, plan},
     state::App,
 };
@@ -67,10 +67,10 @@ pub(crate) async fn get_flight(
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn start_flight(
     State(app): State<Arc<App>>,
-    _caller: Pilot,
+    Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Accepted<Flight>> {
-    wish(&app, id, Wish::Start)
+    wish(&app, &caller, id, Wish::Start)
 }
 
 /// Everybody waits in the air.
@@ -79,10 +79,10 @@ pub(crate) async fn start_flight(
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn pause_flight(
     State(app): State<Arc<App>>,
-    _caller: Pilot,
+    Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Accepted<Flight>> {
-    wish(&app, id, Wish::Pause)
+    wish(&app, &caller, id, Wish::Pause)
 }
 
 /// Goes on after a pause.
@@ -91,10 +91,10 @@ pub(crate) async fn pause_flight(
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn resume_flight(
     State(app): State<Arc<App>>,
-    _caller: Pilot,
+    Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Accepted<Flight>> {
-    wish(&app, id, Wish::Resume)
+    wish(&app, &caller, id, Wish::Resume)
 }
 
 /// Everybody lands, one above another waiting until the place beneath is free.
@@ -103,10 +103,10 @@ pub(crate) async fn resume_flight(
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn abort_flight(
     State(app): State<Arc<App>>,
-    _caller: Pilot,
+    Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Accepted<Flight>> {
-    wish(&app, id, Wish::Abort)
+    wish(&app, &caller, id, Wish::Abort)
 }
 
 /// The fences of all maps that have one.
@@ -133,18 +133,9 @@ pub(crate) async fn put_geofence(
     Ok(Json(fence))
 }
 
-fn wish(app: &App, id: Uuid, wish: Wish) -> ApiResult<Accepted<Flight>> {
-    let flight = drones(app)?
-        .flights(|flights, fleet, now| flights.wish(id, wish, fleet, now))
-        .map_err(refused)?;
+fn wish(app: &App, caller: &Caller, id: Uuid, wish: Wish) -> ApiResult<Accepted<Flight>> {
+    let flight = drones(app)?.wish(caller, id, wish).map_err(refused)?;
     Ok(Accepted(format!("/v1/flights/{id}"), flight))
-}
-
-fn drones(app: &App) -> ApiResult<&Drones> {
-    app.drones.as_ref().ok_or_else(|| {
-        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
-            .hint("start it with --mavlink")
-    })
 }
 
 fn refused(refusal: FlightRefusal) -> ApiError {

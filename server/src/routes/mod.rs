@@ -10,6 +10,7 @@ pub(crate) mod images;
 pub(crate) mod imagesets;
 mod ingest;
 pub(crate) mod jobs;
+pub(crate) mod leases;
 pub(crate) mod localize;
 pub(crate) mod maps;
 pub(crate) mod page;

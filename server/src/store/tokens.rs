@@ -11,6 +11,7 @@ use crate::{clock, error::ApiResult};
 #[derive(Debug, Clone)]
 pub(crate) struct TokenRow {
     pub(crate) id: Uuid,
+    pub(crate) name: String,
     pub(crate) role: Role,
     pub(crate) hash: Vec<u8>,
     pub(crate) expires_ms: Option<i64>,
@@ -50,13 +51,15 @@ impl Store {
 
     /// By the hash of its secret.
     pub(crate) async fn token_by_hash(&self, hash: &[u8; 32]) -> ApiResult<Option<TokenRow>> {
-        let row = sqlx::query("SELECT id, role, hash, expires_ms FROM tokens WHERE hash = ?1")
-            .bind(&hash[..])
-            .fetch_optional(&self.readers)
-            .await?;
+        let row =
+            sqlx::query("SELECT id, name, role, hash, expires_ms FROM tokens WHERE hash = ?1")
+                .bind(&hash[..])
+                .fetch_optional(&self.readers)
+                .await?;
         let Some(row) = row else { return Ok(None) };
         Ok(Some(TokenRow {
             id: uuid(row.try_get("id")?)?,
+            name: row.try_get("name")?,
             role: role(&row)?,
             hash: row.try_get("hash")?,
             expires_ms: row.try_get("expires_ms")?,

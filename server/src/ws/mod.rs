@@ -1,6 +1,7 @@
 //! The socket: events of jobs, and localization streams.
 
 mod connection;
+mod drones;
 mod flights;
 mod stream;
 mod topics;

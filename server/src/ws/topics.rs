@@ -8,7 +8,7 @@ use volery_api::{JobEvent, ws::ServerBody};
 
 use super::{
     connection::{Gone, Outbox, Task},
-    flights,
+    drones, flights,
 };
 use crate::{
     error::{ApiError, ApiResult, Code},
@@ -28,6 +28,9 @@ pub(super) async fn subscribe(
     if let Some(drone) = topic.strip_prefix("pose:") {
         return Ok(poses(app, outbox, drone));
     }
+    if let Some(task) = drones::subscribe(app, &outbox, topic)? {
+        return Ok(task);
+    }
     if let Some(task) = flights::subscribe(app, &outbox, topic)? {
         return Ok(task);
     }
@@ -38,7 +41,8 @@ pub(super) async fn subscribe(
         topic => {
             let id = topic.strip_prefix("job:").and_then(|id| Uuid::parse_str(id).ok());
             let id = id.ok_or_else(|| {
-                let detail = "topics are `jobs`, `job:<id>`, `pose:<drone>`, `pose:*`, `flights` and `flight:<id>`";
+                let detail = "topics are `jobs`, `job:<id>`, `pose:<drone>`, `drone:<drone>`, \
+                              `flights`, `flight:<id>` and `alerts`; `*` means all drones";
                 ApiError::new(Code::Unprocessable("bad_topic"), detail)
             })?;
             Some((id, app.store.job(id).await?.last_event))

@@ -1,0 +1,137 @@
+//! States, commands and alerts of drones to a socket.
+
+use std::sync::Arc;
+
+use tokio::sync::{
+    broadcast::{Receiver, error::RecvError},
+    watch,
+};
+use uuid::Uuid;
+use volery_api::{DroneAlert, DroneState, FlightNews, ws::ServerBody};
+
+use super::connection::{Gone, Outbox, Task};
+use crate::{
+    error::{ApiError, ApiResult, Code},
+    fleet::{DroneNews, Drones},
+    state::App,
+};
+
+/// What happens in flights that somebody should look at.
+const FLIGHT_ALERTS: [&str; 3] = ["held", "taken_out", "no_way"];
+
+/// Sends what a topic of drones is about until the returned task is dropped; `None` when the topic
+/// is about something else.
+pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResult<Option<Task>> {
+    let (kind, which) = topic.split_once(':').unwrap_or((topic, ""));
+    let (outbox, topic) = (outbox.clone(), topic.to_owned());
+    Ok(Some(match (kind, which) {
+        ("alerts", "") => {
+            let drones = drones(app)?;
+            let flights = drones.flights(|flights, _, _| flights.listen());
+            let news = drones.listen();
+            until_gone(alerts(news, flights, outbox, topic))
+        }
+        ("drone", which) => {
+            let only = match which {
+                "*" => None,
+                id => Some(id.parse::<u8>().map_err(|_| {
+                    let detail = "a drone is named by its system id: `drone:7`";
+                    ApiError::new(Code::Unprocessable("bad_topic"), detail)
+                })?),
+            };
+            let drones = drones(app)?;
+            let (states, news) = (drones.watch(), drones.listen());
+            until_gone(follow(states, news, only, outbox, topic))
+        }
+        _ => return Ok(None),
+    }))
+}
+
+fn until_gone(run: impl Future<Output = Result<(), Gone>> + Send + 'static) -> Task {
+    Task(tokio::spawn(async move {
+        // The connection notices that this task has ended.
+        let _ = run.await;
+    }))
+}
+
+fn drones(app: &App) -> ApiResult<&Drones> {
+    app.drones.as_ref().ok_or_else(|| {
+        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
+    })
+}
+
+/// States and commands of one drone, or of all.
+async fn follow(
+    mut states: watch::Receiver<Arc<[DroneState]>>,
+    mut news: Receiver<DroneNews>,
+    only: Option<u8>,
+    outbox: Outbox,
+    topic: String,
+) -> Result<(), Gone> {
+    let concerns = |drone: u8| only.is_none_or(|only| only == drone);
+    loop {
+        tokio::select! {
+            changed = states.changed() => {
+                changed.map_err(|_| Gone)?;
+                let seen = Arc::clone(&states.borrow_and_update());
+                for state in seen.iter().filter(|state| concerns(state.id)) {
+                    // A client that reads slowly gets fewer of them.
+                    outbox.wait().await?;
+                    let (topic, state) = (topic.clone(), Box::new(state.clone()));
+                    outbox.send(None, ServerBody::DroneState { topic, state })?;
+                }
+            }
+            event = news.recv() => match event {
+                Ok(DroneNews::Command(command)) if concerns(command.drone) => {
+                    let topic = topic.clone();
+                    outbox.send(None, ServerBody::CommandState { topic, command })?;
+                }
+                Ok(_) => {}
+                Err(error) => lost(error, &outbox, &topic)?,
+            },
+        }
+    }
+}
+
+/// What somebody should look at, of drones and of flights.
+async fn alerts(
+    mut news: Receiver<DroneNews>,
+    mut flights: Receiver<(Uuid, FlightNews)>,
+    outbox: Outbox,
+    topic: String,
+) -> Result<(), Gone> {
+    loop {
+        let alert = tokio::select! {
+            event = news.recv() => match event {
+                Ok(DroneNews::Alert(alert)) => Some(alert),
+                Ok(_) => None,
+                Err(error) => lost(error, &outbox, &topic).map(|()| None)?,
+            },
+            event = flights.recv() => match event {
+                Ok((flight, news)) => flight_alert(flight, &news),
+                Err(error) => lost(error, &outbox, &topic).map(|()| None)?,
+            },
+        };
+        if let Some(alert) = alert {
+            outbox.send(None, ServerBody::Alert { topic: topic.clone(), alert })?;
+        }
+    }
+}
+
+fn flight_alert(flight: Uuid, news: &FlightNews) -> Option<DroneAlert> {
+    FLIGHT_ALERTS.contains(&news.kind.as_str()).then_some(())?;
+    Some(DroneAlert {
+        drone: news.drone?,
+        flight_id: Some(flight),
+        t_ns: news.t_ns,
+        code: news.value.clone().unwrap_or_else(|| news.kind.clone()),
+        detail: Some(news.kind.clone()),
+    })
+}
+
+fn lost(error: RecvError, outbox: &Outbox, topic: &str) -> Result<(), Gone> {
+    match error {
+        RecvError::Lagged(_) => outbox.send(None, ServerBody::Resync { topic: topic.to_owned() }),
+        RecvError::Closed => Err(Gone),
+    }
+}
