@@ -1,7 +1,9 @@
 import { defineConfig } from 'vite';
 
-// `npm run dev` serves the page and passes the API on to a ground station.
+// `npm run dev` and `npx vite preview` serve the page and pass the API on to a ground station.
 const server = process.env.VOLERY_SERVER ?? 'http://127.0.0.1:8080';
+
+const proxy = { '/v1': { target: server, ws: true }, '/openapi.yaml': server };
 
 export default defineConfig({
   esbuild: { jsx: 'automatic', jsxImportSource: 'preact', legalComments: 'none' },
@@ -17,10 +19,6 @@ export default defineConfig({
       },
     },
   },
-  server: {
-    proxy: {
-      '/v1': { target: server, ws: true },
-      '/openapi.yaml': server,
-    },
-  },
+  server: { proxy },
+  preview: { proxy },
 });

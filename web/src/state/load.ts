@@ -7,7 +7,7 @@ export interface Loaded<T> {
   loading: boolean;
   reload: () => void;
   /** Puts in what is known without asking. */
-  set: (data: T) => void;
+  change: (how: (data: T) => T) => void;
 }
 
 /** Loads again whenever one of `keys` changes; the answer to an old question is dropped. */
@@ -26,6 +26,7 @@ export function useLoad<T>(load: (signal: AbortSignal) => Promise<T>, keys: unkn
     return () => abort.abort();
   }, [...keys, turn]);
   const reload = useCallback(() => setTurn((turn) => turn + 1), []);
-  const set = useCallback((data: T) => setState({ data, error: null, loading: false }), []);
-  return { ...state, reload, set };
+  const change = useCallback((how: (data: T) => T) =>
+    setState((old) => (old.data === null ? old : { ...old, data: how(old.data) })), []);
+  return { ...state, reload, change };
 }

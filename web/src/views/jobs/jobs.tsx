@@ -1,6 +1,8 @@
-import { Empty } from '../../ui/empty';
+import { JobList } from './job-list';
+import { JobPage } from './job-page';
 
-/** `rest`: the parts of the address after `/jobs`. */
-export function Jobs({ rest: _ }: { rest: string[] }) {
-  return <Empty title="Jobs" icon="jobs" />;
+/** `/jobs`, `/jobs/{id}`. */
+export function Jobs({ rest }: { rest: string[] }) {
+  const [id] = rest;
+  return id === undefined ? <JobList /> : <JobPage key={id} id={id} />;
 }

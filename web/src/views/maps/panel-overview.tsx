@@ -1,9 +1,9 @@
-import { useState } from 'preact/hooks';
 import { patch, post } from '../../api/client';
 import { navigate } from '../../state/router';
 import { toast, toastError } from '../../state/toasts';
 import { count, when, words } from '../../ui/format';
 import { Icon } from '../../ui/icons';
+import { NameField } from '../../ui/name-field';
 import { infoOf, sizeOf } from './map-info';
 import type { MapData } from './map-data';
 import { Reasons, ScaleBadge, VerdictBadge } from './verdict';
@@ -14,9 +14,17 @@ export function OverviewPanel({ data, reload }: { data: MapData; reload: () => v
   const info = infoOf(version);
   const size = sizeOf(info);
   const unit = info.scale?.metric ? 'm' : 'units';
+  const rename = async (name: string) => {
+    try {
+      await patch('/v1/maps/{id}', { name }, { at: { id: data.map.id } });
+      reload();
+    } catch (error) {
+      toastError(error);
+    }
+  };
   return (
     <>
-      <Name data={data} reload={reload} />
+      <NameField name={data.map.name} label="Name of the map" onSave={rename} />
       <div class="row">
         <VerdictBadge info={info} />
         <ScaleBadge info={info} />
@@ -62,48 +70,6 @@ function Fact({ name, children }: { name: string; children: preact.ComponentChil
       <dt>{name}</dt>
       <dd class="num">{children}</dd>
     </>
-  );
-}
-
-function Name({ data, reload }: { data: MapData; reload: () => void }) {
-  const [name, setName] = useState<string | null>(null);
-  if (name === null) {
-    return (
-      <div class="row">
-        <h1 class="grow ellipsis">{data.map.name}</h1>
-        <button type="button" class="quiet icon-only" aria-label="Rename" onClick={() => setName(data.map.name)}>
-          <Icon name="edit" />
-        </button>
-      </div>
-    );
-  }
-  const save = async () => {
-    try {
-      await patch('/v1/maps/{id}', { name }, { at: { id: data.map.id } });
-      reload();
-      setName(null);
-    } catch (error) {
-      toastError(error);
-    }
-  };
-  return (
-    <form
-      class="row"
-      onSubmit={(event) => {
-        event.preventDefault();
-        void save();
-      }}
-    >
-      <input
-        class="grow"
-        aria-label="Name of the map"
-        value={name}
-        autofocus
-        onInput={(event) => setName(event.currentTarget.value)}
-        onKeyDown={(event) => event.key === 'Escape' && setName(null)}
-      />
-      <button class="primary" disabled={name.trim() === ''}>Save</button>
-    </form>
   );
 }
 

@@ -1,6 +1,8 @@
-import { Empty } from '../../ui/empty';
+import { SetList } from './set-list';
+import { SetPage } from './set-page';
 
-/** `rest`: the parts of the address after `/photos`. */
-export function Photos({ rest: _ }: { rest: string[] }) {
-  return <Empty title="Photos" icon="photos" />;
+/** `/photos`, `/photos/{id}`. */
+export function Photos({ rest }: { rest: string[] }) {
+  const [id] = rest;
+  return id === undefined ? <SetList /> : <SetPage key={id} id={id} />;
 }
