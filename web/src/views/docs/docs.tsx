@@ -1,6 +1,8 @@
-import { Empty } from '../../ui/empty';
+import { lazyView } from '../../ui/lazy';
 
-/** `rest`: the parts of the address after `/docs`. */
-export function Docs({ rest: _ }: { rest: string[] }) {
-  return <Empty title="Docs" icon="docs" />;
+const Book = lazyView(() => import('./book').then((module) => module.Book));
+
+/** `rest`: the name of a document. */
+export function Docs({ rest: [name = 'capture'] }: { rest: string[] }) {
+  return <Book name={name} />;
 }

@@ -1,7 +1,7 @@
 // What the fly view works on: one map, the chosen drone, its targets, a flight, a fence.
 import { computed, signal } from '@preact/signals';
 import { Vector3 } from 'three';
-import { ApiError, get, post, put, request } from '../../api/client';
+import { get, post, put, request } from '../../api/client';
 import type { FenceBlock, Flight, Geofence, MapVersion } from '../../api/types';
 import type { Aim } from '../../map3d/flight-layers';
 import { FreeSpace } from '../../map3d/free-space';
@@ -61,16 +61,14 @@ export class Desk {
   /** Fence, free space, and the flight that is on, if there is one. */
   async load(signal: AbortSignal): Promise<void> {
     const at = { id: this.mapId };
+    // Maps without a dense cloud say nothing about free space.
+    const seesAir = this.version.files.some(({ path }) => path === 'freespace.bin');
     await Promise.all([
       get('/v1/geofences', { signal }).then((fences) => {
         this.fence.value = fences.find((fence) => fence.map_id === this.mapId) ?? null;
       }),
-      request('GET', '/v1/maps/{id}/freespace', null, { at, signal })
-        .then(async (answer) => (this.air.value = new FreeSpace(await answer.arrayBuffer())))
-        // Maps without a dense cloud have none.
-        .catch((error: unknown) => {
-          if (!(error instanceof ApiError) || error.problem.status !== 404) throw error;
-        }),
+      seesAir && request('GET', '/v1/maps/{id}/freespace', null, { at, query: { version: this.version.version }, signal })
+        .then(async (answer) => (this.air.value = new FreeSpace(await answer.arrayBuffer()))),
       get('/v1/flights', { signal }).then((flights) => {
         const mine = flights.filter((flight) => flight.map_id === this.mapId);
         this.flight.value = mine.findLast((flight) => flight.taking_off || flight.state === 'running' || flight.state === 'paused') ?? null;

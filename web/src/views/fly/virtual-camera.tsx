@@ -1,10 +1,9 @@
 import { useEffect, useState } from 'preact/hooks';
-import { request } from '../../api/client';
+import { explain, request } from '../../api/client';
 import type { CameraPose } from '../../api/types';
 import { quaternion, UP, vector, wxyz, xyz } from '../../map3d/frames';
 import { Quaternion } from 'three';
-import { fleet, freshFix, nameOf, type LiveDrone } from '../../state/fleet';
-import { explain } from '../../api/client';
+import { fleet, fleetTick, freshFix, nameOf, type LiveDrone } from '../../state/fleet';
 import { Icon } from '../../ui/icons';
 import type { Desk } from './desk';
 
@@ -16,6 +15,8 @@ export function VirtualCamera({ desk }: { desk: Desk }) {
   const [picture, setPicture] = useState<string | null>(null);
   const [failure, setFailure] = useState<string | null>(null);
   const drone = desk.chosen.value;
+  // Names come and change.
+  fleetTick.value;
   useEffect(() => {
     if (!open || drone === null) return undefined;
     const abort = new AbortController();
