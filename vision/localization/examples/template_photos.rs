@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector3, Vector6};
 use volery_formats::{
     DecodeLimits, decode_image, read_camera_json, read_glb_of_textured_mesh, read_ply_of_mesh,
     read_poses_csv, write_png,
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let truths = read_poses_csv(&std::fs::read(folder.join("ground_truth.csv"))?)?;
     let mut rng = Rng::new(11);
     let (mut num_ok, mut num_good, mut num_false) = (0, 0, 0);
-    let mut times = Vec::new();
+    let (mut times, mut squared_errors) = (Vec::new(), Vec::new());
     for truth in &truths {
         let path = folder.join(&truth.image);
         let photo = decode_image(&std::fs::read(&path)?, &DecodeLimits::default())?.gray;
@@ -60,6 +60,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let error = pose.map_from_camera.inverse() * truth.world_from_cam;
                 let distance = (pose.map_from_camera.translation.vector - position.coords).norm();
                 let angle = error.rotation.angle().to_degrees();
+                let shift = pose.map_from_camera.translation.vector - position.coords;
+                let turn = pose.map_from_camera.rotation * truth.world_from_cam.rotation.inverse();
+                let turn = turn.scaled_axis();
+                let off = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+                let inverse = pose.covariance.try_inverse().unwrap_or_default();
+                squared_errors.push(off.dot(&(inverse * off)));
                 num_ok += 1;
                 num_good += usize::from(distance < 0.05 && angle < 1.0);
                 num_false += usize::from(distance > 0.3 || angle > 3.0);
@@ -82,6 +88,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             std::fs::write(drawn.join(&truth.image).with_extension("png"), png)?;
         }
     }
+    let num_within = squared_errors.iter().filter(|&&squared| squared < 12.59).count();
+    println!("{num_within} of {num_ok} within the 95 % bound of their covariance");
     times.sort_by(f64::total_cmp);
     println!(
         "{num_ok} ok, {num_good} within 5 cm and 1 degree, {num_false} false, of {}; median {:.0} ms",

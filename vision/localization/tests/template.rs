@@ -4,7 +4,7 @@
 
 use std::sync::OnceLock;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use volery_geometry::triangulation::camera_center;
 use volery_geometry::{Camera, CameraModel, Rng};
 use volery_localization::localize::{NotFoundReason, Status};
@@ -120,6 +120,27 @@ fn photos_find_their_place_in_any_light() {
         println!("{relit} of {num} placed with gain {gain}, gamma {gamma}");
         assert!(relit * 20 + num >= placed * 20, "{relit} of {placed} with {gain}, {gamma}");
     }
+}
+
+/// The covariance holds what it says: 19 of 20 squared errors lie below the 95 % bound of χ²₆, and
+/// it is no larger than a tenth of what the search starts from.
+#[test]
+fn poses_err_no_more_than_they_claim() {
+    let options = TemplateOptions::default();
+    let (mut num, mut num_within) = (0, 0);
+    for query in &stage().queries {
+        let answer = locate(&query.photo, &query.prior, &options);
+        let Status::Ok(pose) = &answer.status else { continue };
+        let shift = pose.map_from_camera.translation.vector - camera_center(&query.truth).coords;
+        let turn = (pose.map_from_camera.rotation * query.truth.rotation).scaled_axis();
+        let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
+        let inverse = pose.covariance.try_inverse().unwrap();
+        num += 1;
+        num_within += usize::from(error.dot(&(inverse * error)) < 12.59);
+        let sigma = pose.covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+        assert!(sigma < 0.05, "{sigma} m");
+    }
+    assert!(num > 0 && (num - num_within) * 20 <= num + 10, "{num_within} of {num}");
 }
 
 /// The paper's own measure, Eq. (6), finds the place in the light of the map (P65).

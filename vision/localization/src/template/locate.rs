@@ -13,11 +13,13 @@ use super::align::{Aligned, align, telling_points};
 use super::coarse::{Area, Candidate, search};
 use super::key_view::KeyView;
 use super::light::{Light, is_blurred};
-use super::patches::{RenderScore, match_patches, score};
+use super::patches::{PatchMatch, PatchMatches, RenderScore, match_patches, score};
 use super::similarity::Similarity;
-use super::working::{Level, Working, radius_at};
+use super::surface_share::surface_share;
+use super::working::{Working, radius_at};
 use crate::acceptance::{covariance_in_map, num_cells};
 use crate::localize::{LocalizationPrior, NotFoundReason, PoseEstimate, Status};
+use crate::refine::{Sight, refine_weighted};
 
 /// Which places are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -77,10 +79,6 @@ const RIVAL_PART: f64 = 0.85;
 /// looked for and the inlier threshold, pixels of the level.
 const ROUNDS: [(usize, usize, f64); 3] = [(1, 8, 2.0), (0, 6, 2.0), (0, 4, 1.5)];
 
-/// Neighboring patches overlap and err together where the map is coarse: the squared errors of
-/// 100 poses were 4 to 5 times what independent patches would leave, in halls painted with 3, 6
-/// and 12 cm between colors.
-const VARIANCE_FACTOR: f64 = 5.0;
 /// Hypotheses of a round at most.
 const MAX_ITERATIONS: usize = 300;
 
@@ -259,6 +257,7 @@ impl Finder<'_> {
         initial: &Isometry3<f64>,
         prior: &LocalizationPrior,
     ) -> Result<Located, Doubt> {
+        let not_alike = |proof| (NotFoundReason::NotAlike, proof);
         let mut pose = *initial;
         let mut last = None;
         for (level, range, max_error_px) in ROUNDS {
@@ -283,46 +282,45 @@ impl Finder<'_> {
                 .map_or(pose, |found| found.cam_from_world);
             let refined =
                 refine_absolute_pose(&pixels, &points, &level.camera, &chosen, max_error_px)
-                    .ok_or((NotFoundReason::NotAlike, Some(proof)))?;
+                    .ok_or(not_alike(Some(proof)))?;
             pose = refined.cam_from_world;
-            last = Some((refined, pixels, points, matches.num_tried, proof));
+            last = Some((refined, matches, proof));
         }
-        let (refined, pixels, points, num_tried, proof) =
-            last.ok_or((NotFoundReason::NotAlike, None))?;
-        let level = &self.working.levels[0];
-        let located = self.located(level, &refined, &pixels, &points, num_tried, proof);
-        judge(&located, &refined, &pixels, &level.camera, prior)
+        let (refined, matches, proof) = last.ok_or(not_alike(None))?;
+        let camera = &self.working.levels[0].camera;
+        let located =
+            self.located(camera, &refined, &matches, proof).ok_or(not_alike(Some(proof)))?;
+        judge(&located, &refined, &matches, camera, prior)
             .map_err(|reason| (reason, Some(proof)))?;
         Ok(located)
     }
 
+    /// `None` if the patches leave the pose undetermined.
     fn located(
         &self,
-        level: &Level,
+        camera: &Camera,
         refined: &RefinedPose,
-        pixels: &[Point2<f64>],
-        points: &[Point3<f64>],
-        num_tried: usize,
+        matches: &PatchMatches,
         proof: TemplateProof,
-    ) -> Located {
-        debug_assert_eq!(pixels.len(), points.len());
-        let pose = refined.cam_from_world;
-        let mut depths: Vec<f64> = points.iter().map(|point| (pose * point).z).collect();
-        let median_depth =
-            volery_geometry::median(&mut depths).unwrap_or(level.camera.mean_focal());
-        Located {
+    ) -> Option<Located> {
+        let sights: Vec<Sight> = matches.found.iter().map(PatchMatch::sight).collect();
+        let weighted = refine_weighted(&sights, camera, &refined.cam_from_world)?;
+        let covariance = weighted.covariance + surface_share(&sights, camera, &weighted);
+        let pose = weighted.cam_from_world;
+        let mut depths: Vec<f64> = sights.iter().map(|sight| (pose * sight.point).z).collect();
+        Some(Located {
             cam_from_world: pose,
-            median_depth,
+            median_depth: volery_geometry::median(&mut depths)?,
             estimate: PoseEstimate {
                 map_from_camera: pose.inverse(),
-                covariance: covariance_in_map(&pose, &refined.covariance) * VARIANCE_FACTOR,
+                covariance: covariance_in_map(&pose, &covariance),
                 num_inliers: refined.num_inliers,
-                inlier_ratio: refined.num_inliers as f64 / num_tried.max(1) as f64,
+                inlier_ratio: refined.num_inliers as f64 / matches.num_tried.max(1) as f64,
                 reprojection_px: refined.rms_px * self.original_scale,
                 sightings: Vec::new(),
             },
             proof,
-        }
+        })
     }
 }
 
@@ -330,7 +328,7 @@ impl Finder<'_> {
 fn judge(
     located: &Located,
     refined: &RefinedPose,
-    pixels: &[Point2<f64>],
+    matches: &PatchMatches,
     camera: &Camera,
     prior: &LocalizationPrior,
 ) -> Result<(), NotFoundReason> {
@@ -344,11 +342,12 @@ fn judge(
     if located.proof.score.agreement < MIN_AGREEMENT {
         return Err(NotFoundReason::NotAlike);
     }
-    let support: Vec<Point2<f64>> = pixels
+    let support: Vec<Point2<f64>> = matches
+        .found
         .iter()
         .zip(&refined.inliers)
         .filter(|(_, inlier)| **inlier)
-        .map(|(pixel, _)| *pixel)
+        .map(|(patch, _)| patch.pixel)
         .collect();
     if num_cells(&support, camera) < MIN_CELLS {
         return Err(NotFoundReason::PoorSpread);

@@ -12,6 +12,7 @@ mod locate;
 mod patches;
 mod planes;
 mod simd;
+mod surface_share;
 mod working;
 
 pub use light::Light;

@@ -1,7 +1,7 @@
 //! A drawn view against the photo, patch by patch: where each patch of the view is found in the
 //! photo, and with its depth, which point of the map is seen there.
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Matrix3, Point2, Point3};
 use volery_geometry::Camera;
 use volery_rendering::{DrawableMesh, Rendering, VirtualCamera};
 use volery_scene::GrayImage;
@@ -9,6 +9,7 @@ use volery_scene::GrayImage;
 use super::planes::normalized;
 use super::similarity::correlation;
 use super::working::{Level, Working, radius_at};
+use crate::refine::Sight;
 
 /// Pixels to each side of a patch's middle.
 const RADIUS: usize = 6;
@@ -47,6 +48,18 @@ pub(crate) struct PatchMatch {
     /// Its offset from where the view has it, pixels.
     pub(crate) shift_px: f64,
     pub(crate) point_in_world: Point3<f64>,
+}
+
+impl PatchMatch {
+    pub(crate) fn sight(&self) -> Sight {
+        Sight {
+            pixel: self.pixel,
+            relative_sigma: 1.0,
+            point: self.point_in_world,
+            point_index: 0,
+            covariance: Matrix3::zeros(),
+        }
+    }
 }
 
 /// All patches of a view.

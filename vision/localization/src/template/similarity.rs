@@ -3,7 +3,7 @@
 use volery_geometry::SimdLevel;
 use volery_scene::GrayImage;
 
-use super::simd::product;
+use super::simd::{LANES, product};
 
 /// How the likeness of a template and a part of an image is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -104,18 +104,31 @@ fn sums(template: &GrayImage, image: &GrayImage) -> Vec<Sums> {
     }
     let plain = Integral::new(image, |v| v);
     let squared = Integral::new(image, |v| v * v);
+    // Templates are filled up with zeros to whole lanes, images by as much.
+    let lanes = tw.next_multiple_of(LANES);
+    let stride = width + lanes - tw;
+    let (wide_template, wide_image) = (widened(template, lanes), widened(image, stride));
     let level = SimdLevel::detect();
     let mut all = Vec::with_capacity((width - tw + 1) * (height - th + 1));
     for y in 0..=height - th {
         for x in 0..=width - tw {
-            let start = y * width + x;
-            let product = product(level, template.pixels(), tw, image.pixels(), width, start);
+            let start = y * stride + x;
+            let product = product(level, &wide_template, lanes, &wide_image, stride, start);
             let part = [x, y, x + tw, y + th];
             let (image, image_squared) = (plain.sum(part), squared.sum(part));
             all.push(Sums { image, image_squared, product });
         }
     }
     all
+}
+
+/// Rows filled up with zeros to `stride`.
+fn widened(image: &GrayImage, stride: usize) -> Vec<i16> {
+    let mut wide = vec![0; stride * image.height() as usize];
+    for (to, y) in wide.chunks_exact_mut(stride).zip(0..) {
+        to.iter_mut().zip(image.row(y)).for_each(|(to, &v)| *to = i16::from(v));
+    }
+    wide
 }
 
 /// Sums over rectangles in four reads.

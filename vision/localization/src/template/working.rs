@@ -37,22 +37,12 @@ impl Working {
             return None;
         }
         let pinhole = pinhole_for(camera)?;
-        let factor = (camera.width.max(camera.height) / pinhole.width.max(pinhole.height)).max(1);
+        let longer = |camera: &Camera| camera.width.max(camera.height);
+        let factor = (longer(camera) / longer(&pinhole)).max(1);
         let small = shrunk(photo, factor);
-        let mut pixels = Vec::with_capacity(pinhole.width as usize * pinhole.height as usize);
-        for y in 0..pinhole.height {
-            for x in 0..pinhole.width {
-                let center = Point2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                let at = camera.pixel_from_normalized(&pinhole.unproject(&center)?);
-                let clamp = |v: f64, size: u32| {
-                    (v / f64::from(factor)).clamp(0.5, f64::from(size) - 0.501) as f32
-                };
-                let [value, ..] =
-                    sample(&small, clamp(at.x, small.width()), clamp(at.y, small.height()))?;
-                pixels.push((value + 0.5) as u8);
-            }
-        }
-        let mut gray = GrayImage::new(pinhole.width, pinhole.height, pixels)?;
+        let is_small_photo = is_pinhole(camera) && longer(camera) == factor * longer(&pinhole);
+        let mut gray =
+            if is_small_photo { small } else { warped(&small, factor, camera, &pinhole)? };
         let mut camera = pinhole;
         let mut levels = Vec::with_capacity(NUM_LEVELS);
         for _ in 0..NUM_LEVELS {
@@ -64,6 +54,28 @@ impl Working {
         }
         Some(Self { levels })
     }
+}
+
+/// What a pinhole sees of a photo that was made smaller by `factor`.
+fn warped(small: &GrayImage, factor: u32, camera: &Camera, pinhole: &Camera) -> Option<GrayImage> {
+    let mut pixels = Vec::with_capacity(pinhole.width as usize * pinhole.height as usize);
+    for y in 0..pinhole.height {
+        for x in 0..pinhole.width {
+            let center = Point2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let at = camera.pixel_from_normalized(&pinhole.unproject(&center)?);
+            let clamp = |v: f64, size: u32| {
+                (v / f64::from(factor)).clamp(0.5, f64::from(size) - 0.501) as f32
+            };
+            let [value, ..] =
+                sample(small, clamp(at.x, small.width()), clamp(at.y, small.height()))?;
+            pixels.push((value + 0.5) as u8);
+        }
+    }
+    GrayImage::new(pinhole.width, pinhole.height, pixels)
+}
+
+fn is_pinhole(camera: &Camera) -> bool {
+    matches!(camera.model, CameraModel::SimplePinhole | CameraModel::Pinhole)
 }
 
 /// How far the surroundings of a pixel reach, pixels.
@@ -80,12 +92,11 @@ fn pinhole_for(camera: &Camera) -> Option<Camera> {
         return None;
     }
     let center = camera.principal_point() * scale;
-    let is_pinhole = matches!(camera.model, CameraModel::SimplePinhole | CameraModel::Pinhole);
     let mut focal = camera.focal() * scale;
     for _ in 0..MAX_ZOOMS {
         let params = [focal.x, focal.y, center.x, center.y];
         let pinhole = Camera::new(CameraModel::Pinhole, width, height, &params).ok()?;
-        if is_pinhole || sees_no_rim(&pinhole, camera) {
+        if is_pinhole(camera) || sees_no_rim(&pinhole, camera) {
             return Some(pinhole);
         }
         focal *= ZOOM;
