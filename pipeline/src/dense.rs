@@ -10,7 +10,7 @@ use crate::{
     error::{PipelineError, code},
     files::Files,
     options::StageOptions,
-    report_surface::{DepthPicture, pictures},
+    report_surface::{ViewPicture, pictures},
     summary::DenseSummary,
 };
 
@@ -23,7 +23,7 @@ pub(crate) struct Dense {
     pub(crate) key: Key,
     pub(crate) summary: DenseSummary,
     /// A few photos beside their depth maps; none once the depth maps are gone.
-    pub(crate) pictures: Vec<DepthPicture>,
+    pub(crate) pictures: Vec<ViewPicture>,
     /// Whether it came from the cache.
     pub(crate) cached: bool,
 }

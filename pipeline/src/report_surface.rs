@@ -9,6 +9,7 @@ use volery_scene::{ImageId, Occupancy, OccupancyGrid, RegisteredImage, SparseMod
 use crate::{
     report_html::escape,
     summary::{FreeSpaceSummary, Summary},
+    view::Surface,
 };
 
 /// Photos shown beside their depth maps.
@@ -31,18 +32,20 @@ const OCCUPIED: [u8; 3] = [60, 50, 50];
 const UNSEEN: [u8; 3] = [205; 3];
 const CAMERA: [u8; 3] = [30, 90, 200];
 
-/// A photo and its depth map, as JPEG.
+/// A photo, its depth map and the mesh from the same place, as JPEG.
 #[derive(Debug, Clone)]
-pub(crate) struct DepthPicture {
-    image: String,
+pub(crate) struct ViewPicture {
+    image: ImageId,
+    name: String,
     photo: Vec<u8>,
     depth: Vec<u8>,
+    mesh: Option<Vec<u8>>,
 }
 
 /// Pictures of a surface.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SurfacePictures {
-    pub(crate) depths: Vec<DepthPicture>,
+    pub(crate) views: Vec<ViewPicture>,
     /// A layer of the free space as JPEG.
     pub(crate) plan: Option<Vec<u8>>,
 }
@@ -81,7 +84,7 @@ pub(crate) fn pictures(
     model: &SparseModel,
     shelf: &dyn Shelf,
     options: &DenseOptions,
-) -> Vec<DepthPicture> {
+) -> Vec<ViewPicture> {
     let step = images.len().div_ceil(NUM_PICTURES).max(1);
     let picture = |id| {
         let (camera, photo) = small_photo(model, shelf, options, id)?;
@@ -99,13 +102,30 @@ pub(crate) fn pictures(
             // Concluded, not seen: pale.
             color.map(|v| if map.inferred[index] { v / 2 + 127 } else { v })
         };
-        Some(DepthPicture {
-            image: model.images.get(&id)?.name.clone(),
+        Some(ViewPicture {
+            image: id,
+            name: model.images.get(&id)?.name.clone(),
             photo: small_jpeg(width, height, &|index| photo[index])?,
             depth: small_jpeg(width, height, &color)?,
+            mesh: None,
         })
     };
     images.iter().copied().skip(step / 2).step_by(step).filter_map(picture).collect()
+}
+
+/// Adds what the cameras see of a surface.
+pub(crate) fn draw_surface(views: &mut [ViewPicture], surface: &Surface, model: &SparseModel) {
+    for view in views {
+        let Some(image) = model.images.get(&view.image) else { continue };
+        let Some(camera) = model.cameras.get(&image.camera) else { continue };
+        let side = f64::from(camera.width.max(camera.height));
+        let scale = (PICTURE_SIDE as f64 / side).min(1.0);
+        let size = |v: u32| (f64::from(v) * scale).round().max(1.0) as u32;
+        let camera = camera.scaled(scale, size(camera.width), size(camera.height));
+        let drawn = surface.draw(&camera, &image.cam_from_world);
+        let (width, height) = (drawn.width as usize, drawn.height as usize);
+        view.mesh = small_jpeg(width, height, &|index| drawn.colors[index]);
+    }
 }
 
 /// From 0 (near) to 1 (far).
@@ -173,24 +193,26 @@ pub(crate) fn section(
     if let Some(space) = &dense.free_space {
         free_space(html, space, unit, pictures.plan.as_deref())?;
     }
-    if pictures.depths.is_empty() {
+    if pictures.views.is_empty() {
         return Ok(());
     }
     html.push_str(
-        "<p>Photos and their depth maps: yellow is near, violet far, pale concluded from the \
-         surroundings, dark unknown.</p><table>",
+        "<p>Photos, the mesh from the same places, and depth maps: yellow is near, violet far, pale \
+         concluded from the surroundings, dark unknown.</p><table>",
     );
-    for picture in &pictures.depths {
-        let [photo, depth] = [&picture.photo, &picture.depth].map(|jpeg| base64(jpeg));
-        let name = escape(&picture.image);
-        write!(
-            html,
-            "<tr><td>{name}<br><img alt='{name}' src='data:image/jpeg;base64,{photo}'>\
-             <td><br><img alt='its depth' src='data:image/jpeg;base64,{depth}'>"
-        )?;
+    for ViewPicture { name, photo, depth, mesh, .. } in &pictures.views {
+        let name = escape(name);
+        write!(html, "<tr><td>{name}<br>{}", picture(photo, &name))?;
+        for (jpeg, what) in mesh.iter().map(|mesh| (mesh, "the mesh")).chain([(depth, "depth")]) {
+            write!(html, "<td><br>{}", picture(jpeg, what))?;
+        }
     }
     html.push_str("</table>");
     Ok(())
+}
+
+fn picture(jpeg: &[u8], what: &str) -> String {
+    format!("<img alt='{what}' src='data:image/jpeg;base64,{}'>", base64(jpeg))
 }
 
 /// Free space and where it ends without a surface.
@@ -210,8 +232,8 @@ fn free_space(
         write!(
             html,
             "<p>At the height of the cameras, from above: green free, black surfaces, gray unseen, \
-             blue cameras.</p><p><img alt='free space' src='data:image/jpeg;base64,{}'></p>",
-            base64(plan)
+             blue cameras.</p><p>{}</p>",
+            picture(plan, "free space")
         )?;
     }
     if space.unseen_areas.is_empty() {

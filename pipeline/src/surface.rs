@@ -16,9 +16,10 @@ use crate::{
     map_folder::{MapInfo, file},
     mesh::{mesh, textured_glb},
     options::StageOptions,
-    report_surface::{SurfacePictures, plan},
+    report_surface::{SurfacePictures, draw_surface, plan},
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
+    view::Surface,
 };
 
 /// Folder of the finished units of the dense cloud.
@@ -76,7 +77,7 @@ pub(crate) fn add_surface(
     let units = dense.summary.num_depth_maps;
     trace.stages.push(watch.stage("dense", units, usize::from(dense.cached) * units));
     trace.dense = Some(dense.summary.clone());
-    trace.pictures.depths.clone_from(&dense.pictures);
+    trace.pictures.views.clone_from(&dense.pictures);
     if !spec.runs(StageGroup::Mesh) {
         return Ok(trace);
     }
@@ -85,7 +86,10 @@ pub(crate) fn add_surface(
     let folders = [work_dir, out_dir];
     let made = add_mesh(&dense, map, &mut info, files, options, folders, progress);
     let (summary, cached) = match made {
-        Ok(made) => made,
+        Ok(made) => {
+            draw_surface(&mut trace.pictures.views, &Surface::open(out_dir)?, &map.model);
+            made
+        }
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => (MeshSummary { error: Some(error), ..MeshSummary::default() }, false),
     };
