@@ -9,3 +9,5 @@ mod crash;
 mod journey;
 mod live_pose;
 mod server;
+mod surface;
+mod surface_crash;
