@@ -307,13 +307,12 @@ impl Drones {
 
     /// Stops all.
     pub(crate) fn all_stop(&self) -> AllStopped {
-        self.shared.with(|state, now| AllStopped {
-            commands: state
-                .fleet
-                .all_stop(now)
-                .into_iter()
-                .map(|(id, command)| wire::command_status(command, id, &CommandState::Accepted))
-                .collect(),
+        self.shared.with(|state, now| {
+            let stopped = state.fleet.all_stop(now);
+            // Nor does a flight steer them on.
+            state.flights.all_stop(clock::now_ns());
+            let status = |(id, command)| wire::command_status(command, id, &CommandState::Accepted);
+            AllStopped { commands: stopped.into_iter().map(status).collect() }
         })
     }
 

@@ -14,7 +14,7 @@ use uuid::Uuid;
 use volery_api::{Flight, FlightNews};
 use volery_flight::{
     Fleet, VehicleId,
-    group::{BeginRefused, Conductor, FlightState, StartRefused},
+    group::{BeginRefused, Conductor, FlightEvent, FlightState, StartRefused},
 };
 
 use crate::fleet::LeaseRefusal;
@@ -101,6 +101,8 @@ struct Entry {
     map: Uuid,
     conductor: Conductor,
     news: VecDeque<FlightNews>,
+    /// All was stopped: its drones hold, and nobody steers them.
+    stopped: bool,
 }
 
 impl Flights {
@@ -126,7 +128,7 @@ impl Flights {
             let oldest = self.flights.iter().find(|(_, entry)| waits(entry)).map(|(id, _)| *id);
             self.flights.remove(&oldest.ok_or(FlightRefusal::TooMany)?);
         }
-        self.flights.insert(id, Entry { map, conductor, news: VecDeque::new() });
+        self.flights.insert(id, Entry { map, conductor, news: VecDeque::new(), stopped: false });
         self.get(id).ok_or(FlightRefusal::Unknown)
     }
 
@@ -150,6 +152,9 @@ impl Flights {
     ) -> Result<Flight, FlightRefusal> {
         let busy = self.busy(id);
         let entry = self.flights.get_mut(&id).ok_or(FlightRefusal::Unknown)?;
+        if entry.stopped {
+            return Err(FlightRefusal::State(FlightState::Aborted));
+        }
         let coordinator = entry.conductor.coordinator_mut();
         let state = coordinator.state();
         let done = match wish {
@@ -177,6 +182,15 @@ impl Flights {
         entry.flat_map(|entry| entry.conductor.coordinator().plan().ways.keys().copied())
     }
 
+    /// Ends all flights where they are: their drones are left to the hold that they were told.
+    pub(crate) fn all_stop(&mut self, t_ns: u64) {
+        for (&id, entry) in self.flights.iter_mut().filter(|(_, entry)| entry.is_active()) {
+            entry.stopped = true;
+            let event = FlightEvent::State(FlightState::Aborted);
+            entry.note(id, wire::news(&event, t_ns), &self.news);
+        }
+    }
+
     /// Drones in the air with another flight than `id`.
     fn busy(&self, id: Uuid) -> BTreeMap<VehicleId, Uuid> {
         let others =
@@ -192,25 +206,34 @@ impl Flights {
     pub(crate) fn poll(&mut self, fleet: &mut Fleet, now: Duration, t_ns: u64) {
         for (&id, entry) in self.flights.iter_mut().filter(|(_, entry)| entry.is_active()) {
             for event in entry.conductor.poll(fleet, now) {
-                let news = wire::news(&event, t_ns);
-                tracing::info!(flight = %id, kind = %news.kind, drone = news.drone,
-                    value = news.value.as_deref(), "flight {id}: {}", news.kind);
-                if entry.news.len() == MAX_NEWS {
-                    entry.news.pop_front();
-                }
-                // Nobody may listen.
-                let _ = self.news.send((id, news.clone()));
-                entry.news.push_back(news);
+                entry.note(id, wire::news(&event, t_ns), &self.news);
             }
         }
     }
 }
 
 impl Entry {
+    /// Keeps and tells what happened.
+    fn note(&mut self, id: Uuid, news: FlightNews, to: &broadcast::Sender<(Uuid, FlightNews)>) {
+        tracing::info!(flight = %id, kind = %news.kind, drone = news.drone,
+            value = news.value.as_deref(), "flight {id}: {}", news.kind);
+        if self.news.len() == MAX_NEWS {
+            self.news.pop_front();
+        }
+        // Nobody may listen.
+        let _ = to.send((id, news.clone()));
+        self.news.push_back(news);
+    }
+
+    fn state(&self) -> FlightState {
+        if self.stopped { FlightState::Aborted } else { self.conductor.coordinator().state() }
+    }
+
     /// Whether drones follow it.
     fn is_active(&self) -> bool {
         let coordinator = self.conductor.coordinator();
         match coordinator.state() {
+            _ if self.stopped => false,
             FlightState::Ready => self.conductor.is_beginning(),
             FlightState::Running | FlightState::Paused => true,
             FlightState::Aborted => coordinator.is_landing(),

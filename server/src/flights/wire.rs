@@ -13,8 +13,8 @@ pub(super) fn flight(id: Uuid, entry: &Entry) -> Flight {
     Flight {
         id,
         map_id: entry.map,
-        state: coordinator.state().code().to_owned(),
-        taking_off: entry.conductor.is_beginning(),
+        state: entry.state().code().to_owned(),
+        taking_off: entry.conductor.is_beginning() && !entry.stopped,
         clock_s: coordinator.clock().as_secs_f64(),
         duration_s: plan.duration().as_secs_f64(),
         closest_m: plan.closest(&coordinator.options().rules.separation),

@@ -21,6 +21,8 @@ const TWICE_MS = 600;
 export const stopReport = signal<StopReport | null>(null);
 
 export async function allStop(): Promise<void> {
+  // What came of it must be seen.
+  for (const dialog of document.querySelectorAll('dialog[open]')) dialog.dispatchEvent(new Event('cancel', { cancelable: true }));
   const report: StopReport = { at: new Date(), state: 'asked', error: null, commands: [] };
   stopReport.value = report;
   try {

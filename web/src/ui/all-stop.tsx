@@ -4,19 +4,25 @@ import { explain } from '../api/client';
 import { Icon } from './icons';
 
 /** Always there, one click, no question asked: every drone that is armed holds where it is. */
+export function StopButton() {
+  return (
+    <button
+      type="button"
+      class="all-stop"
+      title="Every drone holds where it is: Shift+Space, or Escape twice"
+      aria-keyshortcuts="Shift+Space"
+      onClick={() => void allStop()}
+    >
+      <Icon name="stop" />
+      All stop
+    </button>
+  );
+}
+
 export function AllStop() {
   return (
     <>
-      <button
-        type="button"
-        class="all-stop"
-        title="Every drone holds where it is: Shift+Space, or Escape twice"
-        aria-keyshortcuts="Shift+Space"
-        onClick={() => void allStop()}
-      >
-        <Icon name="stop" />
-        All stop
-      </button>
+      <StopButton />
       <Report />
     </>
   );

@@ -1,5 +1,6 @@
 import type { ComponentChildren } from 'preact';
 import { useEffect, useId, useRef } from 'preact/hooks';
+import { StopButton } from './all-stop';
 import { Icon } from './icons';
 
 /** A modal dialog: the browser keeps the focus inside and closes it by Escape. */
@@ -21,7 +22,9 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
       }}
     >
       <header class="row">
-        <h2 id={title}>{props.title}</h2>
+        <h2 id={title} class="grow">{props.title}</h2>
+        {/* A modal dialog shuts out the one of the page. */}
+        <StopButton />
         <button type="button" class="quiet icon-only" aria-label="Close" onClick={props.onClose}>
           <Icon name="close" />
         </button>

@@ -27,6 +27,7 @@ export function AlertStrip() {
     <section class="alerts" aria-label="Alerts" role="alert">
       {alerts.value.map((message) => (
         <div key={message.id} class={`alert ${message.tone}`}>
+          <Icon name="warn" />
           <Text message={message} />
         </div>
       ))}

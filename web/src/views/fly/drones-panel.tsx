@@ -114,7 +114,7 @@ function stateWords({ state }: LiveDrone): string {
   const parts = [state.flying ? 'flying' : state.armed ? 'armed' : 'on the ground'];
   if (state.mode && state.mode !== 'other') parts.push(state.mode);
   parts.push(state.autopilot === 'px4' ? 'PX4' : 'ArduPilot');
-  if (state.estimate) parts.push(`at ${state.estimate.position.map((value) => value.toFixed(2)).join(', ')} m`);
+  if (state.estimate) parts.push(`at ${state.estimate.position.map((value) => value.toFixed(1)).join(', ')} m`);
   return parts.join(' · ');
 }
 
