@@ -22,7 +22,8 @@ padding:0 1rem;color:#1b1b1b}table{border-collapse:collapse;width:100%}\
 td,th{border-bottom:1px solid #ddd;padding:.25rem .5rem;text-align:left}\
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}\
 .good{color:#17692b}.suspect{color:#9a6200}.failed{color:#a3161a}\
-img{max-width:100%}svg{background:#f6f6f4;border:1px solid #ddd;max-width:100%;height:auto}\
+img{max-width:100%}.views td{width:33%;vertical-align:bottom}.views img{width:100%}\
+svg{background:#f6f6f4;border:1px solid #ddd;max-width:100%;height:auto}\
 tr.off td{color:#a3161a}";
 
 /// The page.

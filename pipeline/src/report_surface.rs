@@ -198,7 +198,7 @@ pub(crate) fn section(
     }
     html.push_str(
         "<p>Photos, the mesh from the same places, and depth maps: yellow is near, violet far, pale \
-         concluded from the surroundings, dark unknown.</p><table>",
+         concluded from the surroundings, dark unknown.</p><table class=views>",
     );
     for ViewPicture { name, photo, depth, mesh, .. } in &pictures.views {
         let name = escape(name);
