@@ -127,6 +127,7 @@ pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result
     }
     if let Some(token) = &server.admin_token {
         writeln!(out, "admin token (shown this once): {token}")?;
+        writeln!(out, "the page: {}/#token={token}", server.url())?;
     }
     out.flush()?;
     drop(out);

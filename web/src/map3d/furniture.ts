@@ -1,4 +1,4 @@
-// What every map has: a grid on its level zero, and the axes at its origin.
+// What every map has: a grid, and the axes at its origin.
 import {
   ArrowHelper,
   Group,
@@ -11,7 +11,7 @@ import {
 
 const GRID_M = 40;
 
-/** Lines one meter apart on z = 0; not for clicks. */
+/** Lines one meter apart; not for clicks. */
 export function grid(color: string, strong: string): GridHelper {
   const helper = new GridHelper(GRID_M, GRID_M, strong, color);
   helper.rotateX(Math.PI / 2);

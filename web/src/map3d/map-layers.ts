@@ -5,6 +5,8 @@ import {
   BufferAttribute,
   BufferGeometry,
   Color,
+  FrontSide,
+  type Mesh,
   Points,
   PointsMaterial,
   SRGBColorSpace,
@@ -75,6 +77,11 @@ export async function showLayer(
 async function surface(buffer: ArrayBuffer) {
   const { scene } = await new GLTFLoader().parseAsync(buffer, '');
   scene.quaternion.copy(MAP_FROM_GLTF);
+  // From outside, walls are not seen, and clicks go through them: the room lies open.
+  scene.traverse((part) => {
+    const { material } = part as Partial<Mesh>;
+    for (const one of material ? [material].flat() : []) one.side = FrontSide;
+  });
   return scene;
 }
 

@@ -168,7 +168,7 @@ export class MapScene {
     this.setFov(FIELD_OF_VIEW_DEG);
     this.controls.target.copy(center);
     this.camera.up.set(0, 0, 1);
-    this.camera.position.copy(center).add(new Vector3(-0.75, -0.45, 0.6).setLength(distance * 0.85));
+    this.camera.position.copy(center).add(new Vector3(-0.75, -0.45, 0.6).setLength(distance));
     this.controls.update();
     this.invalidate();
   }

@@ -7,7 +7,7 @@ import type { MapData } from './map-data';
 
 /** Exports by what they are for; `made` are packed when they are asked for. */
 const EXPORTS: { name: string; text: string; made?: boolean }[] = [
-  { name: 'map.glb', text: 'Textured surface for viewers and engines (glTF)' },
+  { name: 'map.glb', text: 'For viewers and engines (glTF)' },
   { name: 'mesh.ply', text: 'Surface with colors' },
   { name: 'dense.ply', text: 'Dense cloud with normals' },
   { name: 'sparse.ply', text: 'Sparse points' },

@@ -81,7 +81,7 @@ function Answer({ found: { photo, answer }, viewer, look }: { found: Found; view
             <dt>Looks to</dt>
             <dd class="num">{headingText(pose)}</dd>
             <dt>Inliers</dt>
-            <dd class="num">{answer.num_inliers} of {answer.num_correspondences}</dd>
+            <dd class="num">{answer.num_inliers}</dd>
             {answer.reprojection_px != null && (
               <>
                 <dt>Reprojection</dt>

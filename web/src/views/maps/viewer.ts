@@ -5,7 +5,7 @@ import { Color, type Intersection, Vector3 } from 'three';
 import { photoBytes } from '../../api/photos';
 import type { Camera, Image, LocalizeAnswer } from '../../api/types';
 import { Frusta } from '../../map3d/cameras';
-import { yawOf } from '../../map3d/frames';
+import { vector, yawOf } from '../../map3d/frames';
 import { boundsOf, firstLayer, layersOf, showLayer, type MapLayer } from '../../map3d/map-layers';
 import { dot, frameMark, line, locatedPhoto } from '../../map3d/marks';
 import type { MapScene } from '../../map3d/scene';
@@ -39,7 +39,9 @@ export class MapViewer {
     const size = bounds.isEmpty() ? 4 : bounds.getSize(new Vector3()).length();
     this.unit = Math.max(size / 45, 0.02);
     this.tour = new Tour(scene, data.placed, this.unit * 1.4);
-    scene.fit(bounds);
+    this.home();
+    // The floor of the map, as far as it is known.
+    if (!bounds.isEmpty()) scene.layer('grid').position.z = bounds.min.z;
     const first = firstLayer(data.version);
     if (first) void this.toggle(first);
     this.endings.push(
@@ -80,7 +82,9 @@ export class MapViewer {
 
   home(): void {
     this.choose(null);
-    this.scene.fit(boundsOf(this.data.version));
+    const all = boundsOf(this.data.version);
+    for (const { pose } of this.data.placed) all.expandByPoint(vector(pose.position));
+    this.scene.fit(all);
   }
 
   use(tool: Tool): void {
@@ -160,6 +164,7 @@ export class MapViewer {
 
   private drawMarks(marks: Vector3[], tool: Tool): void {
     this.scene.clear('marks');
+    this.scene.renderer.domElement.style.cursor = tool === 'look' ? '' : 'crosshair';
     const layer = this.scene.layer('marks');
     const [from, to] = marks;
     const color = cssColor('--chosen');
@@ -167,7 +172,7 @@ export class MapViewer {
       const forward = to ? to.clone().sub(from) : new Vector3(1, 0, 0);
       layer.add(frameMark(from, yawOf(forward), this.unit * 5));
     } else {
-      for (const place of marks) layer.add(dot(place, this.unit * 0.12, color));
+      for (const place of marks) layer.add(dot(place, this.unit * 0.2, color));
       if (from && to) layer.add(line(from, to, color));
     }
     this.scene.invalidate();

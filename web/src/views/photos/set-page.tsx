@@ -30,6 +30,8 @@ export function SetPage({ id }: { id: string }) {
       get('/v1/imagesets/{id}', options),
       list('/v1/imagesets/{id}/images', options),
     ]);
+    // Files that left together arrive in any order.
+    images.sort((a, b) => a.name.localeCompare(b.name, 'en', { numeric: true }));
     return { set, images };
   }, [id]);
   const [starting, setStarting] = useState(false);

@@ -1,0 +1,120 @@
+// A real ground station, a real browser, and what every test of the page asks of it.
+import { spawn } from 'node:child_process';
+import { mkdir, mkdtemp, readFile, rm } from 'node:fs/promises';
+import { createRequire } from 'node:module';
+import { tmpdir } from 'node:os';
+import path from 'node:path';
+import { createInterface } from 'node:readline';
+import { chromium } from 'playwright-core';
+
+const require = createRequire(import.meta.url);
+const BROWSER = process.env.CHROMIUM ?? '/usr/bin/chromium';
+const ARGS = [
+  '--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
+  '--disable-component-update', '--disable-sync', '--use-angle=swiftshader',
+  '--enable-unsafe-swiftshader',
+];
+/** The machine may be busy. */
+export const PATIENCE_MS = 240_000;
+
+/** Starts `volery serve` on a fresh folder and a port of the system's choice. */
+export async function startServer(args = []) {
+  const program = process.env.VOLERY_BIN;
+  if (!program) throw new Error('VOLERY_BIN does not name the program volery');
+  const data = await mkdtemp(path.join(tmpdir(), 'volery-page-'));
+  const child = spawn(program, ['serve', '--data', data, '--listen', '127.0.0.1:0', ...args], {
+    stdio: ['ignore', 'pipe', 'pipe'],
+  });
+  let said = '';
+  const seen = { address: null, token: null };
+  const ready = new Promise((resolve, reject) => {
+    const read = (line) => {
+      said += `${line}\n`;
+      seen.address ??= /listens on (http:\S+)/.exec(line)?.[1] ?? null;
+      seen.token ??= /\b(vly_[0-9a-f]+)\b/.exec(line)?.[1] ?? null;
+      if (seen.address && seen.token) resolve();
+    };
+    createInterface(child.stdout).on('line', read);
+    createInterface(child.stderr).on('line', read);
+    child.on('exit', (code) => reject(new Error(`the server ended with ${code}:\n${said}`)));
+  });
+  await ready;
+  return {
+    ...seen,
+    said: () => said,
+    async stop() {
+      child.removeAllListeners('exit');
+      const ended = new Promise((done) => child.once('exit', done));
+      child.kill('SIGTERM');
+      await ended;
+      await rm(data, { recursive: true, force: true });
+    },
+  };
+}
+
+export async function startBrowser() {
+  return chromium.launch({ executablePath: BROWSER, args: ARGS });
+}
+
+/** A page that keeps what its console complained of. */
+export async function openPage(browser, base, options = {}) {
+  const context = await browser.newContext({
+    baseURL: base, viewport: { width: 1280, height: 800 }, ...options,
+  });
+  context.setDefaultTimeout(PATIENCE_MS);
+  const page = await context.newPage();
+  const complaints = [];
+  page.on('console', (message) => {
+    if (message.type() === 'error') complaints.push(message.text());
+  });
+  page.on('pageerror', (error) => complaints.push(String(error)));
+  page.on('request', (request) => {
+    const url = new URL(request.url());
+    if (url.protocol.startsWith('http') && url.origin !== base) complaints.push(`went to ${url}`);
+  });
+  return { page, complaints };
+}
+
+/** Drops files (`{name, type, bytes}`) on an element, as a hand would. */
+export async function dropFiles(page, selector, files) {
+  const packed = files.map(({ name, type, bytes }) => ({
+    name, type, base64: Buffer.from(bytes).toString('base64'),
+  }));
+  const transfer = await page.evaluateHandle((files) => {
+    const transfer = new DataTransfer();
+    for (const { name, type, base64 } of files) {
+      const bytes = Uint8Array.from(atob(base64), (char) => char.charCodeAt(0));
+      transfer.items.add(new File([bytes], name, { type }));
+    }
+    return transfer;
+  }, packed);
+  await page.dispatchEvent(selector, 'dragover', { dataTransfer: transfer });
+  await page.dispatchEvent(selector, 'drop', { dataTransfer: transfer });
+}
+
+const shots = process.env.VOLERY_SHOTS;
+
+/** Looks at a view in both themes: a picture of each, and what axe finds serious. */
+export async function inspect(page, name) {
+  const axe = await readFile(require.resolve('axe-core/axe.min.js'), 'utf8');
+  const serious = [];
+  for (const theme of ['light', 'dark']) {
+    await page.emulateMedia({ colorScheme: theme });
+    await page.waitForFunction((theme) => document.documentElement.dataset.theme === theme, theme);
+    if (shots) {
+      await mkdir(shots, { recursive: true });
+      await page.screenshot({ path: path.join(shots, `${name}-${theme}.png`) });
+    }
+    // Past the content policy of the page, which lets no script in.
+    const session = await page.context().newCDPSession(page);
+    await session.send('Runtime.evaluate', { expression: axe });
+    await session.detach();
+    const { violations } = await page.evaluate(() => window.axe.run());
+    for (const { id, impact, nodes } of violations) {
+      if (impact !== 'serious' && impact !== 'critical') continue;
+      serious.push(`${name}, ${theme}: ${id} at ${nodes.map(({ target }) => target).join(', ')}`);
+    }
+  }
+  await page.emulateMedia({ colorScheme: 'light' });
+  return serious;
+}
