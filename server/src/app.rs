@@ -10,18 +10,12 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use tower_http::catch_panic::CatchPanicLayer;
-use utoipa::{
-    OpenApi,
-    openapi::{
-        Content, Ref, RefOr, ResponseBuilder,
-        path::Operation,
-        security::{HttpAuthScheme, HttpBuilder, SecurityScheme},
-    },
-};
+use utoipa::OpenApi;
 use utoipa_axum::{router::OpenApiRouter, routes};
 use volery_api::{PROBLEM_JSON, Problem, ws};
 
 use crate::{
+    description::complete,
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
@@ -124,27 +118,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
 
 /// The description alone.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    let mut openapi = quick_routes().merge(upload_routes()).merge(slow_routes()).into_openapi();
-    let scheme = HttpBuilder::new()
-        .scheme(HttpAuthScheme::Bearer)
-        .description(Some("A token from `POST /v1/tokens`"))
-        .build();
-    if let Some(components) = &mut openapi.components {
-        components.add_security_scheme("bearer", SecurityScheme::Http(scheme));
-    }
-    let problem = ResponseBuilder::new()
-        .description("The request was not done")
-        .content(PROBLEM_JSON, Content::new(Some(RefOr::Ref(Ref::from_schema_name("Problem")))))
-        .build();
-    for item in openapi.paths.paths.values_mut() {
-        let operations: [&mut Option<Operation>; 5] =
-            [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
-        for operation in operations.into_iter().flatten() {
-            let responses = &mut operation.responses.responses;
-            responses.insert("default".to_owned(), RefOr::T(problem.clone()));
-        }
-    }
-    openapi
+    complete(quick_routes().merge(upload_routes()).merge(slow_routes()).into_openapi())
 }
 
 /// The description as text.

@@ -144,7 +144,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for At<T> {
         match Path::from_request_parts(parts, state).await {
             Ok(Path(value)) => Ok(Self(value)),
             Err(rejection) => Err(ApiError::new(Code::BadRequest, rejection.body_text())
-                .hint("ids are UUIDs, as the service gave them")),
+                .hint("ids are as the service gave them: UUIDs, and numbers 1 to 254 of drones")),
         }
     }
 }

@@ -10,6 +10,7 @@ mod app;
 mod auth;
 mod clock;
 mod config;
+mod description;
 mod error;
 mod extract;
 mod fleet;

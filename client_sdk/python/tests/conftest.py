@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from typing import Iterator
 
 import pytest
-from support.room import Room, Scan, camera, scan
+from support.room import HALF, Room, Scan, camera, scan
 from support.server import Field, Server, until
 
-from volery import Client, Map
+from volery import Client, Geofence, Map
+from volery.types import FenceBlock
+
+CORNERS = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +46,11 @@ def photos(room: Room, tmp_path_factory: pytest.TempPathFactory) -> Scan:
 def hall(client: Client, photos: Scan) -> Map:
     """A metric map of the room, in its frame."""
     job = client.reconstruct(photos.folder, camera=camera(), priors=photos.priors, preset="fast")
-    return job.wait()
+    map = job.wait()
+    os.environ["VOLERY_MAP"] = map.id
+    outline = [(x * (HALF[0] - 0.1), y * (HALF[1] - 0.1)) for x, y in CORNERS]
+    client.set_fence(Geofence(map.id, FenceBlock(outline, -0.5, 1.5), margin_m=0.1))
+    return map
 
 
 @pytest.fixture(scope="session")

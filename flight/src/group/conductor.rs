@@ -69,6 +69,11 @@ impl Conductor {
         self.begins_by.is_some()
     }
 
+    /// Whether it was told to begin: it has to be polled.
+    pub fn is_begun(&self) -> bool {
+        self.is_beginning() || self.coordinator.is_started()
+    }
+
     /// Takes off with those who stand beneath their starts; the flight starts when everybody is
     /// there.
     ///

@@ -299,6 +299,11 @@ impl Coordinator {
         Ok(())
     }
 
+    /// Whether it was started, also before its first step.
+    pub fn is_started(&self) -> bool {
+        self.begins.is_some()
+    }
+
     /// Everybody waits in the air; true if it was flying.
     pub fn pause(&mut self) -> bool {
         self.change(FlightState::Running, FlightState::Paused)

@@ -234,7 +234,7 @@ impl Entry {
         let coordinator = self.conductor.coordinator();
         match coordinator.state() {
             _ if self.stopped => false,
-            FlightState::Ready => self.conductor.is_beginning(),
+            FlightState::Ready => self.conductor.is_begun(),
             FlightState::Running | FlightState::Paused => true,
             FlightState::Aborted => coordinator.is_landing(),
             FlightState::Finished => false,

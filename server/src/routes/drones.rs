@@ -9,7 +9,7 @@ use volery_api::{
 };
 use volery_flight::CommandRefusal;
 
-use super::{leases, tokens::check_name};
+use super::{jobs::at_most, leases, tokens::check_name};
 use crate::{
     answer::{Accepted, Deleted},
     auth::{Admin, Pilot, Stopper, Viewer},
@@ -117,8 +117,9 @@ pub(crate) async fn drone_events(
     At(id): At<u8>,
     Asked(query): Asked<EventsQuery>,
 ) -> ApiResult<Json<Page<DroneEvent>>> {
+    let limit = at_most(&query)?;
     let mut items = drones(&app)?.events(id, query.after.unwrap_or(0));
-    items.truncate(query.limit.unwrap_or(1000) as usize);
+    items.truncate(limit as usize);
     Ok(Json(Page { items, next_cursor: None }))
 }
 

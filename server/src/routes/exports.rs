@@ -42,8 +42,8 @@ pub(crate) const EXPORTS: [&str; 14] = [
 #[utoipa::path(get, path = "/v1/maps/{id}/export/{name}", tag = "maps",
     params(VersionQuery, ("id" = Uuid, Path, description = "Of the map"),
         ("name" = String, Path, description = "One of the exports that `/v1/info` lists")),
-    responses((status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 206, description = "A range of the file", body = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 200, description = "The file", body = Vec<u8>, content_type = "*/*"),
+        (status = 206, description = "A range of the file", body = Vec<u8>, content_type = "*/*"),
         (status = 304, description = "It is what the client has")))]
 pub(crate) async fn export(
     State(app): State<Arc<App>>,

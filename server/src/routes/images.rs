@@ -49,8 +49,8 @@ pub(crate) async fn get_image(
 /// The bytes of an image, as they were sent.
 #[utoipa::path(get, path = "/v1/images/{id}/bytes", tag = "image sets",
     params(("id" = Uuid, Path, description = "Of the image")),
-    responses((status = 200, description = "The bytes", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 206, description = "A range of the bytes", body = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 200, description = "The bytes", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 206, description = "A range of the bytes", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
         (status = 304, description = "They are what the client has")))]
 pub(crate) async fn image_bytes(
     State(app): State<Arc<App>>,

@@ -243,12 +243,18 @@ pub(crate) async fn job_events(
     Ok(Json(JobEvents { items, last }))
 }
 
-async fn read_events(app: &App, id: Uuid, query: &EventsQuery) -> ApiResult<Vec<JobEvent>> {
+/// How many events to answer.
+pub(super) fn at_most(query: &EventsQuery) -> ApiResult<u32> {
     let limit = query.limit.unwrap_or(1000);
     if !(1..=1000).contains(&limit) {
         let detail = format!("limit must be 1 to 1000, got {limit}");
         return Err(ApiError::new(Code::Unprocessable("bad_limit"), detail));
     }
+    Ok(limit)
+}
+
+async fn read_events(app: &App, id: Uuid, query: &EventsQuery) -> ApiResult<Vec<JobEvent>> {
+    let limit = at_most(query)?;
     app.store.job(id).await?;
     app.store.events(id, query.after.unwrap_or(0), limit).await
 }

@@ -73,7 +73,7 @@ pub(crate) async fn metrics(State(app): State<Arc<App>>, _caller: Viewer) -> Api
 
 /// This description.
 #[utoipa::path(get, path = "/openapi.yaml", tag = "service", security(()),
-    responses((status = 200, description = "OpenAPI", body = String, content_type = "application/yaml")))]
+    responses((status = 200, description = "OpenAPI", content_type = "application/yaml", body = serde_json::Value)))]
 pub(crate) async fn openapi_yaml() -> Response {
     ([(header::CONTENT_TYPE, "application/yaml")], app::openapi_yaml()).into_response()
 }

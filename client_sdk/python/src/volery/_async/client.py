@@ -295,7 +295,8 @@ class AsyncClient:
         The lease is kept alive in the background. When the block is left, or the script dies, the
         drones hold within `ttl` seconds, and land half a minute later if nobody takes them.
 
-        * `map`: whose frame goals are in; the only metric map of the server when absent.
+        * `map`: whose frame goals are in; when absent, the one that the environment's `VOLERY_MAP`
+          names, else the only metric map of the server.
         """
         ids = [drone if isinstance(drone, int) else drone.id for drone in drones]
         return AsyncLease(
@@ -328,6 +329,6 @@ class AsyncClient:
             if isinstance(message, AlertMessage):
                 yield message.alert
 
-    async def only_map(self) -> AsyncMap:
-        """The only metric map of the server."""
+    async def default_map(self) -> AsyncMap:
+        """The map that `VOLERY_MAP` names, else the only metric map of the server."""
         return await self.map(await fitting_map(self.api))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
@@ -95,12 +96,15 @@ def _why(flight: types.Flight) -> str:
 
 
 async def fitting_map(api: AsyncApi) -> str:
-    """The only metric map of a server."""
+    """The map that the environment's `VOLERY_MAP` names, else the only metric one of a server."""
+    named = os.environ.get("VOLERY_MAP")
+    if named:
+        return named
     maps = (await api.list_maps(limit=1000)).items
     metric = [map.id for map in maps if map.active.info.get("scale", {}).get("metric")]
     if len(metric) != 1:
         detail = f"the server has {len(metric)} metric maps"
-        raise VoleryError(detail, code="which_map", hint="say which one: `map=...`")
+        raise VoleryError(detail, code="which_map", hint="say which: `map=...`, or VOLERY_MAP")
     return metric[0]
 
 
@@ -141,7 +145,9 @@ async def plan_of(
 async def _start_of(api: AsyncApi, drone_id: int, height: float) -> Optional[FlightGoal]:
     state = await api.drone_state(drone_id)
     if state.flying:
-        return None
+        # A drone that hovers settles where it is told to be, not where it happens to be now.
+        told = state.target or state.estimate
+        return None if told is None else FlightGoal(told.position, told.yaw)
     if state.estimate is None:
         detail = f"drone {drone_id} does not know where it is"
         raise VoleryError(detail, code="no_estimate", hint="feed it with poses first")

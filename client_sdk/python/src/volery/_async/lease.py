@@ -56,9 +56,10 @@ class AsyncLease:
     ) -> None:
         if self._renewal is not None:
             await self._renewal.aclose()
+        lease, self._lease = self._lease, None
         try:
-            if self._lease is not None:
-                await self._api.delete_lease(self._lease.id)
+            if lease is not None:
+                await self._api.delete_lease(lease.id)
         except (CannotConnect, ServerRefused):
             # It runs out by itself; an error of the block is more to the point.
             if error is None:

@@ -296,7 +296,8 @@ class Client:
         The lease is kept alive in the background. When the block is left, or the script dies, the
         drones hold within `ttl` seconds, and land half a minute later if nobody takes them.
 
-        * `map`: whose frame goals are in; the only metric map of the server when absent.
+        * `map`: whose frame goals are in; when absent, the one that the environment's `VOLERY_MAP`
+          names, else the only metric map of the server.
         """
         ids = [drone if isinstance(drone, int) else drone.id for drone in drones]
         return Lease(
@@ -329,6 +330,6 @@ class Client:
             if isinstance(message, AlertMessage):
                 yield message.alert
 
-    def only_map(self) -> Map:
-        """The only metric map of the server."""
+    def default_map(self) -> Map:
+        """The map that `VOLERY_MAP` names, else the only metric map of the server."""
         return self.map(fitting_map(self.api))

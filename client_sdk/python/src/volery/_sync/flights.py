@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
@@ -96,12 +97,15 @@ def _why(flight: types.Flight) -> str:
 
 
 def fitting_map(api: Api) -> str:
-    """The only metric map of a server."""
+    """The map that the environment's `VOLERY_MAP` names, else the only metric one of a server."""
+    named = os.environ.get("VOLERY_MAP")
+    if named:
+        return named
     maps = (api.list_maps(limit=1000)).items
     metric = [map.id for map in maps if map.active.info.get("scale", {}).get("metric")]
     if len(metric) != 1:
         detail = f"the server has {len(metric)} metric maps"
-        raise VoleryError(detail, code="which_map", hint="say which one: `map=...`")
+        raise VoleryError(detail, code="which_map", hint="say which: `map=...`, or VOLERY_MAP")
     return metric[0]
 
 
@@ -142,7 +146,9 @@ def plan_of(
 def _start_of(api: Api, drone_id: int, height: float) -> Optional[FlightGoal]:
     state = api.drone_state(drone_id)
     if state.flying:
-        return None
+        # A drone that hovers settles where it is told to be, not where it happens to be now.
+        told = state.target or state.estimate
+        return None if told is None else FlightGoal(told.position, told.yaw)
     if state.estimate is None:
         detail = f"drone {drone_id} does not know where it is"
         raise VoleryError(detail, code="no_estimate", hint="feed it with poses first")

@@ -57,9 +57,10 @@ class Lease:
     ) -> None:
         if self._renewal is not None:
             self._renewal.close()
+        lease, self._lease = self._lease, None
         try:
-            if self._lease is not None:
-                self._api.delete_lease(self._lease.id)
+            if lease is not None:
+                self._api.delete_lease(lease.id)
         except (CannotConnect, ServerRefused):
             # It runs out by itself; an error of the block is more to the point.
             if error is None:
