@@ -6,9 +6,11 @@ use clap::{Args, Parser, Subcommand};
 use uuid::Uuid;
 use volery_scene::KnownDistance;
 
+mod demo;
 mod simulate;
 mod values;
 
+pub(crate) use demo::DemoArgs;
 pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
 use values::{known_distance, position, positive, udp_address};
@@ -70,9 +72,9 @@ pub(crate) enum Command {
     },
     /// Fly simulated MAVLink drones against a server.
     Simulate(SimulateArgs),
-    /// Check this machine, and a server if one is named.
+    /// Check this machine, and a server or drones if they are named.
     Doctor(DoctorArgs),
-    /// Scan, map and localize in a synthetic hall, as a service; writes a report with pictures.
+    /// Scan a synthetic hall, map it and fly drones in it, to be watched; writes a report.
     Demo(DemoArgs),
     /// Do the job in a work folder; the server runs this.
     #[command(hide = true)]
@@ -287,19 +289,16 @@ pub(crate) struct DoctorArgs {
     /// Token.
     #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true)]
     pub(crate) token: Option<String>,
+    /// UDP address that drones send to, as udp:HOST:PORT, with no server listening: checks their
+    /// parameters.
+    #[arg(long, value_parser = udp_address)]
+    pub(crate) mavlink: Option<SocketAddr>,
+    /// File with the MAVLink signing key of the drones, 64 hex digits.
+    #[arg(long, requires = "mavlink")]
+    pub(crate) mavlink_key: Option<PathBuf>,
     /// Folder whose disk is checked.
     #[arg(long, default_value = ".")]
     pub(crate) data: PathBuf,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct DemoArgs {
-    /// Folder of photos, data and report; what an earlier demo left in it is replaced.
-    #[arg(short, long, default_value = "volery-demo")]
-    pub(crate) out: PathBuf,
-    /// Of the hall and the flight.
-    #[arg(long, default_value_t = 1)]
-    pub(crate) seed: u64,
 }
 
 #[derive(Debug, Args)]

@@ -9,6 +9,7 @@ mod doctor;
 mod input;
 mod localize;
 mod output;
+mod plot;
 mod progress;
 mod reconstruct;
 mod remote;

@@ -27,19 +27,22 @@ pub(crate) fn run(args: &ServeArgs) -> Outcome {
 /// The drones' link, if there is to be one.
 fn mavlink(args: &ServeArgs) -> Result<Option<MavlinkSettings>, PipelineError> {
     let Some(listen) = args.mavlink else { return Ok(None) };
-    let key = args.mavlink_key.as_ref().map(|path| {
-        let bad = |why: String| PipelineError::plain("mavlink_key", why);
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| bad(format!("cannot read {}: {e}", path.display())))?;
-        MavlinkSettings::parse_key(text.trim())
-            .ok_or_else(|| bad(format!("{} does not hold 64 hex digits", path.display())))
-    });
+    let key = args.mavlink_key.as_deref().map(mavlink_key);
     Ok(Some(MavlinkSettings {
         key: key.transpose()?,
         accept_unsigned: args.insecure_mavlink,
         max_pose_age: std::time::Duration::from_millis(args.max_pose_age_ms),
         ..MavlinkSettings::new(listen)
     }))
+}
+
+/// The signing key in a file.
+pub(crate) fn mavlink_key(path: &std::path::Path) -> Result<[u8; 32], PipelineError> {
+    let bad = |why: String| PipelineError::plain("mavlink_key", why);
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| bad(format!("cannot read {}: {e}", path.display())))?;
+    MavlinkSettings::parse_key(text.trim())
+        .ok_or_else(|| bad(format!("{} does not hold 64 hex digits", path.display())))
 }
 
 /// This program: the service runs it again for its workers.

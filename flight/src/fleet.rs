@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// We, towards vehicles: their failsafe counts the ground station of this number.
-const GROUND_STATION: Sender = Sender { system_id: 255, component_id: 190 };
+pub(crate) const GROUND_STATION: Sender = Sender { system_id: 255, component_id: 190 };
 /// Largest datagram that passes every network whole.
 const MAX_DATAGRAM: usize = 1200;
 /// Between polls while there is anyone to talk to.

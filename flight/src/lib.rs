@@ -17,6 +17,7 @@ mod link;
 mod message;
 pub mod motion;
 mod options;
+pub mod parameters;
 mod pilot;
 pub mod positioning;
 mod refusal;

@@ -1,228 +1,234 @@
-//! `volery demo`: a synthetic hall is scanned, mapped by the service, and localized against; the
-//! result is compared with the truth.
+//! `volery demo`: a synthetic hall is scanned, mapped by the service and localized against; drones
+//! with cameras fly as a group over the map. All of it is compared with the truth.
 
+mod flight;
+mod flight_plots;
+mod flight_score;
+mod folder;
+mod mapping;
 mod page;
+mod record;
 mod score;
+mod text;
 
-use std::{fs, path::Path, time::Instant};
+use std::{sync::Arc, time::Duration, time::Instant};
 
-use rayon::prelude::*;
-use volery_api::{CreateJob, Job, LocalizeAnswer, LocalizeStatus, Role};
-use volery_client::{Client, LocalizeQuery};
-use volery_formats::{NamedPose, read_ply_of_mesh, read_poses_csv};
-use volery_pipeline::{CameraSpec, PipelineError, error::code};
-use volery_scene::TriangleMesh;
-use volery_server::{Config, start};
-use volery_synthetic::{DemoHall, Photo, Shot};
+use volery_api::{Job, Role};
+use volery_client::Client;
+use volery_pipeline::{PipelineError, error::code};
+use volery_server::{Config, MavlinkSettings, RunningServer, start};
+use volery_synthetic::DemoHall;
 
 use crate::{
     args::DemoArgs,
-    input,
     output::{Ending, Outcome, print_json},
-    remote::{failed, watch},
-    serve::{own_program, runtime},
-    wire::{wire_camera, wire_priors},
+    remote::failed,
+    serve::{own_program, runtime, signalled},
 };
+use flight::Swarm;
+use flight_score::FlightScore;
+use folder::DemoFolder;
+use mapping::Mapped;
 use score::{QueryScore, Score};
 
-/// The painted surface, beside the report.
-const GLB_FILE: &str = "map.glb";
+/// For the browser that watches.
+const TOKEN_LIFE: Duration = Duration::from_secs(24 * 3600);
+/// The drones' autopilots count with 50 ms; on a busy machine a pose takes longer now and then.
+const MAX_POSE_AGE: Duration = Duration::from_millis(250);
+/// At the end of a crossing, before the next one.
+const REST: Duration = Duration::from_secs(2);
 
 /// What the demo has measured, for the page and for `--json`.
 #[derive(Debug, serde::Serialize)]
 pub(crate) struct DemoReport {
-    pub(crate) score: Score,
-    pub(crate) queries: Vec<QueryScore>,
-    pub(crate) job: Job,
-    pub(crate) map: serde_json::Value,
-    pub(crate) seconds: Vec<(&'static str, f64)>,
+    /// Drones that flew.
+    drones: usize,
+    /// Of them, those that were at all their goals.
+    arrived: usize,
+    /// Of two drones in the air.
+    min_separation_m: Option<f64>,
+    /// Of the drones' cameras, live.
+    pose_error_median_m: Option<f64>,
+    /// Root mean square position error of the map's cameras after the best similarity.
+    map_ate_m: f64,
+    /// The whole demo.
+    seconds: f64,
+    stages: Vec<(&'static str, f64)>,
+    score: Score,
+    queries: Vec<QueryScore>,
+    flight: Option<FlightScore>,
+    job: Job,
+    map: serde_json::Value,
+}
+
+/// How long what took.
+struct Stages {
+    start: Instant,
+    lap: Instant,
+    seconds: Vec<(&'static str, f64)>,
+}
+
+impl Stages {
+    fn new() -> Self {
+        Self { start: Instant::now(), lap: Instant::now(), seconds: Vec::new() }
+    }
+
+    /// Since the stage before.
+    fn done(&mut self, what: &'static str) {
+        let spent = self.lap.elapsed().as_secs_f64();
+        eprintln!("{what}: {spent:.1} s");
+        self.lap = Instant::now();
+        self.seconds.push((what, spent));
+    }
 }
 
 pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
-    let out = &args.out;
-    let mut seconds = Vec::new();
-    let mut lap = Instant::now();
-    let mut done = |what: &'static str| {
-        let spent = lap.elapsed().as_secs_f64();
-        eprintln!("{what}: {spent:.1} s");
-        lap = Instant::now();
-        seconds.push((what, spent));
-    };
-
-    for name in ["data", "scan", "query"] {
-        renew(&out.join(name))?;
-    }
-    let hall = DemoHall::new(args.seed);
-    take_photos(&hall, &hall.scan, &out.join("scan"))?;
-    take_photos(&hall, &hall.queries, &out.join("query"))?;
-    done("rendering");
-
+    let folder = DemoFolder::claim(&args.out)?;
     let runtime = runtime()?;
-    let report = runtime.block_on(async {
-        let config = Config {
-            listen: ([127, 0, 0, 1], 0).into(),
-            ..Config::new(out.join("data"), own_program()?)
-        };
-        let server =
-            start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
-        let admin = Client::new(&server.url(), server.admin_token.as_deref()).map_err(failed)?;
-        let token = admin.create_token("demo", Role::Mapper, Some(3600)).await.map_err(failed)?;
-        let client = Client::new(&server.url(), Some(&token.secret)).map_err(failed)?;
-        eprintln!("ground station at {}", server.url());
+    let outcome = runtime.block_on(serve(args, json, &folder));
+    // Photos that are being drawn for nobody.
+    runtime.shutdown_background();
+    outcome
+}
 
-        let job = reconstruct(&client, &hall, out, &mut done).await?;
-        let outputs = job.outputs.clone().ok_or_else(|| no_map(&job))?;
-        let poses = client.export(outputs.map_id, "poses.csv", None).await.map_err(failed)?;
-        let poses = read_poses_csv(&poses)
-            .map_err(|e| PipelineError::plain("protocol", format!("poses.csv: {e}")))?;
-        let mesh = client.export(outputs.map_id, "mesh.ply", None).await.map_err(failed)?;
-        let mesh = read_ply_of_mesh(&mesh)
-            .map_err(|e| PipelineError::plain("protocol", format!("mesh.ply: {e}")))?;
-        let glb = client.export(outputs.map_id, "map.glb", None).await.map_err(failed)?;
-        let path = out.join(GLB_FILE);
-        fs::write(&path, glb).map_err(|e| PipelineError::io(&path, &e))?;
-        let map = client.map(outputs.map_id).await.map_err(failed)?.active.info;
-        let mut answers = Vec::new();
-        for shot in &hall.queries {
-            let image = input::read(&out.join("query").join(&shot.name))?;
-            let camera = Some(wire_camera(&CameraSpec::from(hall.camera())));
-            let query = LocalizeQuery { image, camera, ..LocalizeQuery::default() };
-            answers.push(client.localize(outputs.map_id, &query).await.map_err(failed)?);
+/// Runs the ground station and shows it.
+async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
+    let any_port = ([127, 0, 0, 1], 0).into();
+    let mavlink = MavlinkSettings {
+        accept_unsigned: true,
+        max_pose_age: MAX_POSE_AGE,
+        ..MavlinkSettings::new(any_port)
+    };
+    let config = Config {
+        listen: any_port,
+        mavlink: (args.drones > 0).then_some(mavlink),
+        ..Config::new(folder.join("data"), own_program()?)
+    };
+    let server = start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
+    let outcome = tokio::select! {
+        outcome = present(args, json, folder, &server) => outcome,
+        () = signalled() => {
+            let detail = format!("interrupted; {} keeps what was done", args.out.display());
+            Err(PipelineError::plain(code::CANCELLED, detail))
         }
-        done("localization");
-        server.stop().await;
-        report(&hall, &poses, &mesh, &answers, job, map)
-    })?;
-    let report = DemoReport { seconds, ..report };
-    let page = page::page(&hall, &report);
-    let path = out.join("report.html");
-    fs::write(&path, page).map_err(|e| PipelineError::io(&path, &e))?;
+    };
+    let ending = match outcome {
+        Ok((ending, swarm)) => {
+            if !args.headless {
+                tokio::select! { () = fly_on(swarm) => {}, () = signalled() => {} }
+            }
+            Ok(ending)
+        }
+        Err(error) => Err(error),
+    };
+    server.stop().await;
+    ending
+}
+
+/// The demo from the scan to the report. Its drones are still in the air if somebody watches.
+async fn present(
+    args: &DemoArgs,
+    json: bool,
+    folder: &DemoFolder,
+    server: &RunningServer,
+) -> Result<(Ending, Option<Swarm>), PipelineError> {
+    let admin = Client::new(&server.url(), server.admin_token.as_deref()).map_err(failed)?;
+    let life = Some(TOKEN_LIFE.as_secs());
+    let token = admin.create_token("demo", Role::Pilot, life).await.map_err(failed)?;
+    let client = Client::new(&server.url(), Some(&token.secret)).map_err(failed)?;
+    eprintln!("watch it: {}/#token={}", server.url(), token.secret);
+
+    let mut stages = Stages::new();
+    let hall = Arc::new(DemoHall::new(args.seed));
+    let (photographed, scan) = (Arc::clone(&hall), folder.clone());
+    tokio::task::spawn_blocking(move || mapping::take_photos(&photographed, &scan))
+        .await
+        .map_err(|e| PipelineError::plain("defect", e.to_string()))??;
+    stages.done("rendering");
+    let mapped = mapping::map(&client, &hall, folder, &mut stages).await?;
+    let (flight, swarm) = match server.mavlink_addr() {
+        Some(mavlink) => {
+            flight::register(&admin, args.drones).await?;
+            let swarm =
+                Swarm::start(&client, mavlink, args.drones, &hall, &mapped, args.seed).await?;
+            let (flight, swarm) = fly(swarm, args.headless, &mapped, &mut stages).await?;
+            (Some(flight), swarm)
+        }
+        None => (None, None),
+    };
+    let report = DemoReport {
+        drones: flight.as_ref().map_or(0, |flight| flight.drones),
+        arrived: flight.as_ref().map_or(0, |flight| flight.arrived),
+        min_separation_m: flight.as_ref().and_then(|flight| flight.min_separation_m),
+        pose_error_median_m: flight.as_ref().map(|flight| flight.pose_error_median_m),
+        map_ate_m: mapped.score.ate_m,
+        seconds: stages.start.elapsed().as_secs_f64(),
+        stages: stages.seconds,
+        score: mapped.score,
+        queries: mapped.queries,
+        flight,
+        job: mapped.job,
+        map: mapped.info,
+    };
+    let path = folder.write("report.html", page::page(&hall, &report).as_bytes())?;
     if json {
         print_json(&report);
     } else {
-        print_text(&report, &path);
+        text::print(&report, &path);
     }
-    Ok(if report.score.is_as_promised() { Ending::Done } else { Ending::Partial })
+    let is_good = report.score.is_as_promised()
+        && report.flight.as_ref().is_none_or(FlightScore::is_as_promised);
+    Ok((if is_good { Ending::Done } else { Ending::Partial }, swarm))
 }
 
-/// An empty folder; what an earlier demo left there is removed.
-fn renew(folder: &Path) -> Result<(), PipelineError> {
-    if folder.exists() {
-        fs::remove_dir_all(folder).map_err(|e| PipelineError::io(folder, &e))?;
-    }
-    fs::create_dir_all(folder).map_err(|e| PipelineError::io(folder, &e))
-}
-
-fn take_photos(hall: &DemoHall, shots: &[Shot], folder: &Path) -> Result<(), PipelineError> {
-    shots.par_iter().try_for_each(|shot| {
-        let path = folder.join(&shot.name);
-        save(&hall.photo(shot), &path)
-            .map_err(|e| PipelineError::plain(code::IO, format!("{}: {e}", path.display())))
-    })
-}
-
-fn save(photo: &Photo, path: &Path) -> image::ImageResult<()> {
-    let pixels: Vec<u8> = photo.rgb.iter().flatten().copied().collect();
-    image::save_buffer(path, &pixels, photo.width, photo.height, image::ColorType::Rgb8)
-}
-
-async fn reconstruct(
-    client: &Client,
-    hall: &DemoHall,
-    out: &Path,
-    done: &mut impl FnMut(&'static str),
-) -> Result<Job, PipelineError> {
-    let camera = wire_camera(&CameraSpec::from(hall.camera()));
-    let camera = client.create_camera("demo", camera).await.map_err(failed)?;
-    let set = client.create_imageset("demo scan", Some(camera.id)).await.map_err(failed)?;
-    let folder = out.join("scan");
-    let files: Vec<_> =
-        hall.scan.iter().map(|shot| folder.join(&shot.name).as_path().into()).collect();
-    client.upload_files(set.id, &files, |_, _| {}).await.map_err(failed)?;
-    let priors = wire_priors(hall.scan.iter().map(|shot| (shot.name.as_str(), &shot.prior)));
-    client.put_priors(set.id, priors).await.map_err(failed)?;
-    done("upload");
-    let request = CreateJob {
-        imageset_ids: vec![set.id],
-        map_name: Some("demo hall".to_owned()),
-        ..CreateJob::default()
-    };
-    let job = client.create_job(&request).await.map_err(failed)?;
-    let job = watch(client, job.id).await?;
-    done("reconstruction");
-    Ok(job)
-}
-
-fn report(
-    hall: &DemoHall,
-    poses: &[NamedPose],
-    mesh: &TriangleMesh,
-    answers: &[LocalizeAnswer],
-    job: Job,
-    map: serde_json::Value,
-) -> Result<DemoReport, PipelineError> {
-    let (score, world_from_map) = score::map(hall, poses)
-        .ok_or_else(|| PipelineError::plain(code::NO_MODEL, "the map cannot be compared"))?;
-    let queries: Vec<QueryScore> = hall
-        .queries
-        .iter()
-        .zip(answers)
-        .map(|(shot, answer)| score::query(shot, answer, &world_from_map))
-        .collect();
-    let score = score.with_queries(&queries).with_mesh(mesh, hall, &world_from_map);
-    Ok(DemoReport { score, queries, job, map, seconds: Vec::new() })
-}
-
-fn no_map(job: &Job) -> PipelineError {
-    let error = job.error.clone().unwrap_or_default();
-    PipelineError { code: error.code, detail: error.detail, hint: error.hint }
-}
-
-fn print_text(report: &DemoReport, page: &Path) {
-    let score = &report.score;
-    println!(
-        "map       {} of {} photos, verdict {}",
-        score.num_registered,
-        score.num_scan,
-        report.map["quality"]["verdict"].as_str().unwrap_or("?")
-    );
-    println!(
-        "          position error {:.1} mm rms, rotation error {:.3} deg median",
-        score.ate_m * 1e3,
-        score.rotation_deg
-    );
-    println!(
-        "          scale error {:.2} %, gravity error {:.2} deg",
-        score.scale_error * 100.0,
-        score.gravity_deg
-    );
-    println!(
-        "mesh      {} triangles, median {:.1} mm from the true surfaces: {GLB_FILE}",
-        score.num_triangles,
-        score.mesh_m * 1e3
-    );
-    println!(
-        "queries   {} of {} placed, median {:.1} mm, {:.3} deg",
-        score.num_localized,
-        score.num_queries,
-        score.query_m * 1e3,
-        score.query_deg
-    );
-    for query in &report.queries {
-        match (query.status, query.error_m, query.error_deg) {
-            (LocalizeStatus::Ok, Some(m), Some(deg)) => println!(
-                "          {}  {:6.1} mm  {deg:.3} deg  {} inliers  {:.0} ms",
-                query.name,
-                m * 1e3,
-                query.num_inliers,
-                query.total_ms
-            ),
-            _ => println!(
-                "          {}  not placed: {}",
-                query.name,
-                query.reason.as_deref().unwrap_or("?")
-            ),
+/// There and back through the middle. Lands if nobody watches.
+async fn fly(
+    mut swarm: Swarm,
+    is_headless: bool,
+    mapped: &Mapped,
+    stages: &mut Stages,
+) -> Result<(FlightScore, Option<Swarm>), PipelineError> {
+    stages.done("drones find their places");
+    swarm.fence().await?;
+    let mut crossings = Vec::new();
+    for _ in 0..2 {
+        let (plan, goals) = swarm.cross().await?;
+        let truth = swarm.record.now();
+        let crossing = flight_score::crossing(plan, &goals, &truth, &mapped.world_from_map);
+        let is_whole = crossing.state == "finished";
+        crossings.push((crossing, goals));
+        if !is_whole {
+            break;
         }
     }
-    println!("report    {}", page.display());
+    if is_headless {
+        swarm.land().await?;
+    }
+    stages.done("group flight");
+    let flight = flight_score::score(swarm.record.finish(), crossings, &mapped.world_from_map);
+    if is_headless {
+        swarm.stop().await?;
+        return Ok((flight, None));
+    }
+    Ok((flight, Some(swarm)))
+}
+
+/// To and fro for who watches, until somebody else gives the drones orders.
+async fn fly_on(swarm: Option<Swarm>) {
+    eprintln!("the ground station runs on; Ctrl-C ends it");
+    if let Some(mut swarm) = swarm {
+        let why = loop {
+            tokio::time::sleep(REST).await;
+            match swarm.cross().await {
+                Ok((flight, _)) if flight.state == "finished" => {}
+                Ok((flight, _)) => break format!("the flight is {}", flight.state),
+                Err(error) => break error.to_string(),
+            }
+        };
+        eprintln!("the drones fly no further crossings: {why}");
+        // They stay switched on.
+        let _on = swarm;
+        return std::future::pending().await;
+    }
+    std::future::pending().await
 }

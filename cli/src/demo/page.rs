@@ -5,13 +5,11 @@ use std::fmt::Write;
 use volery_geometry::Point3;
 use volery_synthetic::DemoHall;
 
-use super::DemoReport;
+use super::{DemoReport, flight_plots};
+use crate::plot::TopView;
 
 /// Photos shown.
 const NUM_PICTURES: usize = 8;
-
-/// Pixels per meter of the top view.
-const SCALE: f64 = 70.0;
 
 pub(super) fn page(hall: &DemoHall, report: &DemoReport) -> String {
     let mut html = String::new();
@@ -66,7 +64,7 @@ fn write_page(html: &mut String, hall: &DemoHall, report: &DemoReport) -> std::f
         "<h2>Top view</h2><p>Gray: truth. Blue: the map's cameras. Orange: photos that were \
          localized, with a line to where they really were.</p>",
     );
-    top_view(html, hall, report)?;
+    html.push_str(&top_view(hall, report));
     html.push_str("<h2>Queries</h2>");
     for shot in &hall.queries {
         write!(html, "<img src='query/{0}' alt='{0}'>", shot.name)?;
@@ -87,49 +85,34 @@ fn write_page(html: &mut String, hall: &DemoHall, report: &DemoReport) -> std::f
             query.total_ms
         )?;
     }
-    html.push_str("</table><h2>Time</h2><table>");
-    for (what, seconds) in &report.seconds {
+    html.push_str("</table>");
+    if let Some(flight) = &report.flight {
+        flight_plots::section(html, hall, flight)?;
+    }
+    html.push_str("<h2>Time</h2><table>");
+    for (what, seconds) in &report.stages {
         write!(html, "<tr><th>{what}<td>{seconds:.1} s")?;
     }
     html.push_str("</table></html>\n");
     Ok(())
 }
 
-fn top_view(html: &mut String, hall: &DemoHall, report: &DemoReport) -> std::fmt::Result {
+fn top_view(hall: &DemoHall, report: &DemoReport) -> String {
     let size = hall.hall.room.size;
-    let (width, height) = (size.x * SCALE, size.y * SCALE);
-    let place = |p: &Point3<f64>| (width / 2.0 + p.x * SCALE, height / 2.0 - p.y * SCALE);
-    write!(html, "<svg viewBox='0 0 {width:.0} {height:.0}' width='{width:.0}'>")?;
-    let mut line = |color: &str, points: &mut dyn Iterator<Item = Point3<f64>>| {
-        write!(html, "<polyline fill='none' stroke='{color}' stroke-width='2' points='")?;
-        for point in points {
-            let (u, v) = place(&point);
-            write!(html, "{u:.1},{v:.1} ")?;
-        }
-        html.push_str("'/>");
-        Ok::<(), std::fmt::Error>(())
-    };
+    let mut view = TopView::new(size.x, size.y);
     let centers = &report.score.centers;
-    line("#999", &mut centers.iter().map(|(_, truth)| *truth))?;
-    line("#1f5fbf", &mut centers.iter().map(|(found, _)| *found))?;
+    view.line("#999", 2.0, centers.iter().map(|(_, truth)| *truth));
+    view.line("#1f5fbf", 2.0, centers.iter().map(|(found, _)| *found));
     for (found, _) in centers {
-        let (u, v) = place(found);
-        write!(html, "<circle cx='{u:.1}' cy='{v:.1}' r='2.5' fill='#1f5fbf'/>")?;
+        view.dot("#1f5fbf", 2.5, found, "");
     }
     for (query, shot) in report.queries.iter().zip(&hall.queries) {
         let truth = Point3::from(shot.cam_from_world.inverse().translation.vector);
-        let (tu, tv) = place(&truth);
-        write!(html, "<circle cx='{tu:.1}' cy='{tv:.1}' r='5' fill='none' stroke='#999'/>")?;
+        view.ring("#999", 5.0, &truth);
         if let Some(found) = &query.place {
-            let (u, v) = place(found);
-            write!(
-                html,
-                "<line x1='{tu:.1}' y1='{tv:.1}' x2='{u:.1}' y2='{v:.1}' stroke='#c2410c'/>\
-                 <circle cx='{u:.1}' cy='{v:.1}' r='3.5' fill='#c2410c'><title>{}</title></circle>",
-                query.name
-            )?;
+            view.line("#c2410c", 1.0, [truth, *found]);
+            view.dot("#c2410c", 3.5, found, &query.name);
         }
     }
-    html.push_str("</svg>");
-    Ok(())
+    view.finish()
 }

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use volery_api::{LocalizeAnswer, LocalizeStatus};
 use volery_formats::NamedPose;
-use volery_geometry::{Isometry3, Point3, Similarity3, Vector3, similarity_from_points};
+use volery_geometry::{
+    Isometry3, Point3, Similarity3, Vector3, isometry_from_points, similarity_from_points,
+};
 use volery_scene::TriangleMesh;
 use volery_synthetic::{DemoHall, Shot};
 
@@ -56,15 +58,8 @@ pub(crate) struct QueryScore {
 
 /// The map's poses against the scan's, and `world_from_map`.
 pub(crate) fn map(hall: &DemoHall, poses: &[NamedPose]) -> Option<(Score, Similarity3<f64>)> {
-    let truth: BTreeMap<&str, Isometry3<f64>> =
-        hall.scan.iter().map(|shot| (shot.name.as_str(), shot.cam_from_world.inverse())).collect();
-    let pairs: Vec<(Isometry3<f64>, Isometry3<f64>)> = poses
-        .iter()
-        .filter_map(|pose| Some((pose.world_from_cam, *truth.get(pose.image.as_str())?)))
-        .collect();
-    let center = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
-    let source: Vec<_> = pairs.iter().map(|(found, _)| center(found)).collect();
-    let target: Vec<_> = pairs.iter().map(|(_, truth)| center(truth)).collect();
+    let pairs = pairs(hall, poses);
+    let (source, target) = centers(&pairs);
     let world_from_map = similarity_from_points(&source, &target).ok()?;
     let centers: Vec<_> =
         source.iter().map(|p| world_from_map * p).zip(target.iter().copied()).collect();
@@ -90,6 +85,27 @@ pub(crate) fn map(hall: &DemoHall, poses: &[NamedPose]) -> Option<(Score, Simila
         centers,
     };
     Some((score, world_from_map))
+}
+
+/// `world_from_map` with the map's unit taken as it is: what a wrong scale does is an error.
+pub(crate) fn rigid(hall: &DemoHall, poses: &[NamedPose]) -> Option<Isometry3<f64>> {
+    let (source, target) = centers(&pairs(hall, poses));
+    isometry_from_points(&source, &target).ok()
+}
+
+/// Poses found and true.
+fn pairs(hall: &DemoHall, poses: &[NamedPose]) -> Vec<(Isometry3<f64>, Isometry3<f64>)> {
+    let truth: BTreeMap<&str, Isometry3<f64>> =
+        hall.scan.iter().map(|shot| (shot.name.as_str(), shot.cam_from_world.inverse())).collect();
+    poses
+        .iter()
+        .filter_map(|pose| Some((pose.world_from_cam, *truth.get(pose.image.as_str())?)))
+        .collect()
+}
+
+fn centers(pairs: &[(Isometry3<f64>, Isometry3<f64>)]) -> (Vec<Point3<f64>>, Vec<Point3<f64>>) {
+    let center = |pose: &Isometry3<f64>| Point3::from(pose.translation.vector);
+    pairs.iter().map(|(found, truth)| (center(found), center(truth))).unzip()
 }
 
 /// An answer against the truth of its shot.
@@ -149,8 +165,14 @@ impl Score {
     }
 }
 
-fn median(values: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    at_quantile(values, 0.5)
+}
+
+/// The value that a part `q` of all values lie below; 0 where there are none.
+pub(super) fn at_quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    let last = values.len().saturating_sub(1);
+    values.get(((values.len() as f64 * q) as usize).min(last)).copied().unwrap_or(0.0)
 }

@@ -42,6 +42,9 @@ pub(super) struct Picture {
     pub(super) jpeg: Arc<Vec<u8>>,
     /// Nanoseconds since the Unix epoch.
     pub(super) captured_ns: u64,
+    /// Time of the simulation then.
+    pub(super) taken: Duration,
+    pub(super) world_from_camera: Isometry3<f64>,
 }
 
 pub(super) type Pictures = watch::Receiver<Option<Picture>>;
@@ -145,7 +148,7 @@ impl Cameras {
                     Some(truth)
                 }
             };
-            view.rendering = Some(take(&self.eye, view, seen));
+            view.rendering = Some(take(&self.eye, view, &truth, seen, world.now()));
         }
     }
 }
@@ -157,18 +160,27 @@ impl Drop for Cameras {
 }
 
 /// A thread of its own draws the picture; nothing else waits for it.
-fn take(eye: &Arc<Eye>, view: &View, seen: Option<Isometry3<f64>>) -> JoinHandle<()> {
+fn take(
+    eye: &Arc<Eye>,
+    view: &View,
+    world_from_body: &Isometry3<f64>,
+    seen: Option<Isometry3<f64>>,
+    taken: Duration,
+) -> JoinHandle<()> {
     // A frozen picture keeps its noise.
-    let taken = if view.frozen.is_some() { 0 } else { view.num_taken };
-    let seed = u64::from(view.system_id) << 32 | taken;
+    let number = if view.frozen.is_some() { 0 } else { view.num_taken };
+    let seed = u64::from(view.system_id) << 32 | number;
     let captured_ns =
         SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos() as u64;
+    let world_from_camera = world_from_body * eye.mount().cam_from_body().inverse();
     let (eye, pictures) = (Arc::clone(eye), Arc::clone(&view.pictures));
     tokio::task::spawn_blocking(move || {
         let photo = seen.map_or_else(|| eye.darkness(), |pose| eye.photo(&pose, seed));
         // The size was given as a camera's and fits.
         if let Ok(bytes) = jpeg(photo) {
-            pictures.send_replace(Some(Picture { jpeg: Arc::new(bytes), captured_ns }));
+            let jpeg = Arc::new(bytes);
+            let picture = Picture { jpeg, captured_ns, taken, world_from_camera };
+            pictures.send_replace(Some(picture));
         }
     })
 }

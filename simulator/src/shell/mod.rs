@@ -16,7 +16,7 @@ use crate::fault::FaultKind;
 use crate::{Channel, Drone, DroneOptions, Fault, LinkFaults, Space, TICK, World};
 pub use feed::{Feed, FrameSink};
 pub use frames::StreamTarget;
-pub use report::{Line, State, Summary};
+pub use report::{Line, Placed, State, Summary};
 
 /// Largest datagram of MAVLink with room to spare.
 const MAX_DATAGRAM: usize = 2048;

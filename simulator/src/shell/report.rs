@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
+use nalgebra::Isometry3;
 use serde::Serialize;
+use volery_client::api::CameraPose;
 
 use crate::{Closest, Drone, Event, Mode, World};
 
@@ -35,9 +37,25 @@ pub enum Line {
         t: f64,
         /// Drone.
         system_id: u8,
-        /// `ok`, `not_found`, `ambiguous`, `dropped` or an error.
+        /// `ok`, `not_found`, `ambiguous`, `tracking`, `relocalizing`, `lost`, `dropped` or an error.
         frame: String,
+        /// Where it was placed.
+        #[serde(flatten, skip_serializing_if = "Option::is_none")]
+        placed: Option<Box<Placed>>,
     },
+}
+
+/// Where a camera was when it took a picture, and where the server says that it was.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Placed {
+    /// When it was taken, seconds.
+    pub taken: f64,
+    /// `world_from_camera`.
+    pub truth: CameraPose,
+    /// `map_from_camera`.
+    pub pose: CameraPose,
+    /// From the arrival at the server to its answer, milliseconds.
+    pub server_ms: f64,
 }
 
 /// True state of a drone beside what it believes. World: z up; the estimate is in the drone's
@@ -123,6 +141,11 @@ impl Summary {
             contacts: world.num_contacts(),
         }
     }
+}
+
+pub(super) fn camera_pose(target_from_camera: &Isometry3<f64>) -> CameraPose {
+    let Isometry3 { rotation: q, translation } = target_from_camera;
+    CameraPose { position: translation.vector.into(), orientation: [q.w, q.i, q.j, q.k] }
 }
 
 /// To a tenth of a millimeter.

@@ -181,6 +181,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "volery-features",
             "volery-estimation",
             "volery-sfm",
+            "volery-flight",
             "volery-localization",
             "volery-rendering",
             "volery-formats",

@@ -1,4 +1,6 @@
-//! `volery doctor`: is this machine fit, and is a server?
+//! `volery doctor`: is this machine fit, is a server, and are the drones?
+
+mod drones;
 
 use std::path::Path;
 
@@ -9,7 +11,7 @@ use volery_pipeline::PipelineError;
 use crate::{
     args::DoctorArgs,
     output::{Ending, Outcome, print_json},
-    serve::{own_program, runtime},
+    serve::{mavlink_key, own_program, runtime},
 };
 
 /// Less memory than this makes maps of hundreds of photos fail, MiB.
@@ -29,6 +31,10 @@ pub(crate) fn run(args: &DoctorArgs, json: bool) -> Outcome {
     let mut checks = vec![program()?, cores(), simd(), memory(), disk(&args.data)];
     if let Some(server) = &args.server {
         checks.extend(runtime()?.block_on(server_checks(server, args.token.as_deref())));
+    }
+    if let Some(listen) = args.mavlink {
+        let key = args.mavlink_key.as_deref().map(mavlink_key).transpose()?;
+        checks.extend(drones::checks(listen, key));
     }
     if json {
         print_json(&checks);
