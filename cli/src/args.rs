@@ -10,7 +10,7 @@ mod demo;
 mod simulate;
 mod values;
 
-pub(crate) use demo::DemoArgs;
+pub(crate) use demo::{CompareArgs, DemoArgs};
 pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, OriginArg, PresetArg, RegistrationArg, StageArg};
 use values::{known_distance, position, positive, udp_address};
@@ -76,6 +76,8 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     /// Scan a synthetic hall, map it and fly drones in it, to be watched; writes a report.
     Demo(DemoArgs),
+    /// Compare a camera with radio and ultrasound on one flight; writes a report with plots.
+    ComparePositioning(CompareArgs),
     /// Do the job in a work folder; the server runs this.
     #[command(hide = true)]
     RunJob {

@@ -4,6 +4,7 @@
 //! misses many photos, files that could not be read).
 
 mod args;
+mod compare;
 mod demo;
 mod doctor;
 mod input;
@@ -40,6 +41,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(&args),
         Command::Doctor(args) => doctor::run(&args, json),
         Command::Demo(args) => demo::run(&args, json),
+        Command::ComparePositioning(args) => compare::run(&args, json),
         Command::RunJob { folder } => worker::run_job(&folder),
         Command::RunDecoder => worker::run_decoder(),
         Command::RunLocalizer => worker::run_localizer(),

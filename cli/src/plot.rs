@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
+use volery_synthetic::Room;
 
 /// Colors of drones or systems, in order.
 const COLORS: [&str; 6] = ["#1f5fbf", "#c2410c", "#15803d", "#7e22ce", "#a16207", "#0e7490"];
@@ -16,6 +17,8 @@ const BOTTOM: f64 = 24.0;
 const NUM_TICKS: f64 = 5.0;
 /// Pixels per meter seen from above.
 const SCALE: f64 = 70.0;
+/// What begins higher hangs under the ceiling, meters.
+const HANGING: f64 = 3.0;
 
 /// The color of the one at `index`.
 pub(crate) fn color(index: usize) -> &'static str {
@@ -134,6 +137,19 @@ impl TopView {
         Self { svg, size }
     }
 
+    /// A room with the things in it; what hangs under its ceiling is left out.
+    pub(crate) fn of(room: &Room) -> Self {
+        let mut view = Self::new(room.size.x, room.size.y);
+        for item in room.furniture.iter().filter(|item| item.center.z - item.half.z < HANGING) {
+            let corner = |[x, y]: [f64; 2]| {
+                item.center + item.world(&Vector3::new(x * item.half.x, y * item.half.y, 0.0))
+            };
+            let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(corner);
+            view.area("#e4e2dc", &corners);
+        }
+        view
+    }
+
     fn place(&self, p: &Point3<f64>) -> (f64, f64) {
         (self.size[0] / 2.0 + p.x * SCALE, self.size[1] / 2.0 - p.y * SCALE)
     }
@@ -144,7 +160,7 @@ impl TopView {
     }
 
     /// A closed outline, filled.
-    pub(crate) fn area(&mut self, color: &str, corners: &[Point3<f64>]) {
+    fn area(&mut self, color: &str, corners: &[Point3<f64>]) {
         self.points("polygon", &format!("fill='{color}'"), corners.iter().copied());
     }
 

@@ -87,6 +87,8 @@ fn fly(hall: &mut Rig, tasks: &[Task], mut meddle: impl FnMut(&mut Rig, Duration
     while !flight.coordinator().state().is_over() && hall.now < Duration::from_secs(300) {
         let since_start = hall.now.saturating_sub(started.unwrap_or(hall.now));
         meddle(hall, since_start);
+        let is_ready = flight.coordinator().state() == FlightState::Ready;
+        assert!(!is_ready || flight.is_begun(), "who polls what has begun would forget it");
         hall.step();
         let now = hall.now;
         events.extend(flight.poll(&mut hall.fleet, now).into_iter().map(|event| (now, event)));
@@ -107,6 +109,29 @@ fn fly(hall: &mut Rig, tasks: &[Task], mut meddle: impl FnMut(&mut Rig, Duration
     }
     let seconds = (hall.now - started.unwrap_or_default()).as_secs_f64();
     Outcome { state: flight.coordinator().state(), events, behind, beside, seconds }
+}
+
+/// A flight begins in the air where another one ended.
+#[test]
+fn drones_that_hover_fly_back() {
+    let there: Vec<Task> = crossing().into_iter().take(2).collect();
+    let back: Vec<Task> = there
+        .iter()
+        .map(|task| Task {
+            start: Waypoint { position: task.goals[0].position, yaw: 0.0 },
+            goals: vec![Goal { position: task.start.position, yaw: None }],
+            ..task.clone()
+        })
+        .collect();
+    let mut hall = hall(&there, Flavor::ArduPilot);
+    for tasks in [there, back] {
+        assert_eq!(fly(&mut hall, &tasks, |_, _| {}).state, FlightState::Finished);
+        let places = true_places(&hall);
+        for task in &tasks {
+            let miss = (places[&task.vehicle] - task.goals[0].position).norm();
+            assert!(miss <= 0.2, "{miss}");
+        }
+    }
 }
 
 /// Everybody arrives, nobody comes within a meter, and the flight is the plan: beside its way by

@@ -1,8 +1,10 @@
-//! Arguments of `volery demo`.
+//! Arguments of `volery demo` and `volery compare-positioning`.
 
 use std::path::PathBuf;
 
 use clap::Args;
+
+use super::values::positive;
 
 #[derive(Debug, Args)]
 pub(crate) struct DemoArgs {
@@ -18,4 +20,20 @@ pub(crate) struct DemoArgs {
     /// End with the report: the ground station does not run on to be watched.
     #[arg(long)]
     pub(crate) headless: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct CompareArgs {
+    /// Folder of the map, the plots and the report: a new one, or one of an earlier comparison.
+    #[arg(short, long, default_value = "volery-comparison")]
+    pub(crate) out: PathBuf,
+    /// Of the hall, the flight and all noise.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Places on the way.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u16).range(3..=1000))]
+    pub(crate) places: u16,
+    /// Standard deviation of the strength of radio, decibels.
+    #[arg(long, default_value_t = 4.0, value_parser = positive)]
+    pub(crate) rssi_sigma_db: f64,
 }

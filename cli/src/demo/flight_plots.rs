@@ -76,20 +76,7 @@ pub(super) fn section(
 }
 
 fn ways(hall: &DemoHall, flight: &FlightScore) -> String {
-    let room = &hall.hall.room;
-    let mut view = TopView::new(room.size.x, room.size.y);
-    for item in &room.furniture {
-        let half = item.half;
-        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-        let corner = |[x, y]: [f64; 2]| {
-            let offset = nalgebra::Vector3::new(x * half.x, y * half.y, 0.0);
-            item.center + item.world(&offset)
-        };
-        // Beams under the ceiling are above all ways.
-        if item.center.z - half.z < 3.0 {
-            view.area("#e4e2dc", &corners.map(corner));
-        }
-    }
+    let mut view = TopView::of(&hall.hall.room);
     for (index, path) in flight.paths.iter().enumerate() {
         view.line("#999", 4.0, path.truth.iter().map(|(_, p)| *p));
         view.line(color(index), 1.2, path.believed.iter().map(|(_, p)| *p));

@@ -11,14 +11,14 @@ const MARK: &str = ".volery-demo";
 
 /// A folder that this demo alone works in.
 #[derive(Debug, Clone)]
-pub(super) struct DemoFolder {
+pub(crate) struct DemoFolder {
     path: PathBuf,
     _lock: Arc<File>,
 }
 
 impl DemoFolder {
-    /// Takes a folder that is new, empty, or an earlier demo's, and empties what that left.
-    pub(super) fn claim(path: &Path) -> Result<Self, PipelineError> {
+    /// Takes a folder that is new, empty, or an earlier demo's, and empties its `folders`.
+    pub(crate) fn claim(path: &Path, folders: &[&str]) -> Result<Self, PipelineError> {
         let mark = path.join(MARK);
         let entries = match fs::read_dir(path) {
             Ok(entries) => entries.count(),
@@ -46,17 +46,17 @@ impl DemoFolder {
             }
             Err(TryLockError::Error(error)) => return Err(PipelineError::io(&mark, &error)),
         }
-        for name in ["data", "scan", "query"] {
+        for name in folders {
             renew(&path.join(name))?;
         }
         Ok(Self { path: path.to_owned(), _lock: Arc::new(lock) })
     }
 
-    pub(super) fn join(&self, name: &str) -> PathBuf {
+    pub(crate) fn join(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    pub(super) fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, PipelineError> {
+    pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, PipelineError> {
         let path = self.join(name);
         fs::write(&path, bytes).map_err(|e| PipelineError::io(&path, &e))?;
         Ok(path)
@@ -79,16 +79,16 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("volery-demo-test-{}", std::process::id()));
         fs::create_dir_all(folder.join("data")).unwrap();
         fs::write(folder.join("data/letter.txt"), "mine").unwrap();
-        let refused = DemoFolder::claim(&folder).unwrap_err();
+        let refused = DemoFolder::claim(&folder, &["data"]).unwrap_err();
         assert_eq!(refused.code, code::BAD_INPUT);
         assert_eq!(fs::read(folder.join("data/letter.txt")).unwrap(), b"mine");
 
         let own = folder.join("new");
-        let first = DemoFolder::claim(&own).unwrap();
+        let first = DemoFolder::claim(&own, &["data"]).unwrap();
         first.write("data/old", b"of the first").unwrap();
-        assert!(DemoFolder::claim(&own).unwrap_err().detail.contains("another demo"));
+        assert!(DemoFolder::claim(&own, &["data"]).unwrap_err().detail.contains("another demo"));
         drop(first);
-        let second = DemoFolder::claim(&own).unwrap();
+        let second = DemoFolder::claim(&own, &["data"]).unwrap();
         assert!(!second.join("data/old").exists());
         fs::remove_dir_all(folder).unwrap();
     }

@@ -41,18 +41,18 @@ pub(super) struct Mapped {
 /// Renders the photos of the scan and the queries.
 pub(super) fn take_photos(hall: &DemoHall, folder: &DemoFolder) -> Result<(), PipelineError> {
     for (name, shots) in [("scan", &hall.scan), ("query", &hall.queries)] {
-        shots.par_iter().try_for_each(|shot| {
-            let path = folder.join(name).join(&shot.name);
-            save(&hall.photo(shot), &path)
-                .map_err(|e| PipelineError::plain(code::IO, format!("{}: {e}", path.display())))
-        })?;
+        shots
+            .par_iter()
+            .try_for_each(|shot| save(&hall.photo(shot), &folder.join(name).join(&shot.name)))?;
     }
     Ok(())
 }
 
-fn save(photo: &Photo, path: &Path) -> image::ImageResult<()> {
+/// Writes a photo as a file.
+pub(crate) fn save(photo: &Photo, path: &Path) -> Result<(), PipelineError> {
     let pixels: Vec<u8> = photo.rgb.iter().flatten().copied().collect();
     image::save_buffer(path, &pixels, photo.width, photo.height, image::ColorType::Rgb8)
+        .map_err(|e| PipelineError::plain(code::IO, format!("{}: {e}", path.display())))
 }
 
 /// Makes the map and asks it for the places of the queries.

@@ -27,8 +27,10 @@ use crate::{
 };
 use flight::Swarm;
 use flight_score::FlightScore;
-use folder::DemoFolder;
+pub(crate) use folder::DemoFolder;
 use mapping::Mapped;
+pub(crate) use mapping::save;
+pub(crate) use score::rigid;
 use score::{QueryScore, Score};
 
 /// For the browser that watches.
@@ -83,7 +85,7 @@ impl Stages {
 }
 
 pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
-    let folder = DemoFolder::claim(&args.out)?;
+    let folder = DemoFolder::claim(&args.out, &["data", "scan", "query"])?;
     let runtime = runtime()?;
     let outcome = runtime.block_on(serve(args, json, &folder));
     // Photos that are being drawn for nobody.

@@ -6,6 +6,7 @@ mod support;
 mod bad_input;
 mod cancel;
 mod crash;
+mod demo;
 mod journey;
 mod live_pose;
 mod server;

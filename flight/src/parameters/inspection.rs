@@ -53,8 +53,13 @@ impl Inspection {
     /// Of a vehicle that was heard.
     pub fn new(vehicle: VehicleId, autopilot: Autopilot) -> Self {
         let ask = |rule: &'static Rule| {
-            let question =
-                |name| Question { rule, name, value: None, num_requests: 0, due: Duration::ZERO };
+            let question = move |name| Question {
+                rule,
+                name,
+                value: None,
+                num_requests: 0,
+                due: Duration::ZERO,
+            };
             rule.names.iter().copied().map(question)
         };
         Self { vehicle, autopilot, questions: rules(autopilot).iter().flat_map(ask).collect() }
