@@ -54,11 +54,21 @@ def hall(client: Client, photos: Scan) -> Map:
 
 
 @pytest.fixture(scope="session")
-def field(server: Server, client: Client) -> Iterator[Field]:
-    """Three drones whose estimators know where they are."""
+def all_drones(server: Server) -> Iterator[Field]:
+    """Three drones."""
     with Field(server, 3) as field:
-        until(lambda: all(_is_ready(client, drone) for drone in field.ids), "drones are ready")
         yield field
+
+
+@pytest.fixture
+def field(client: Client, all_drones: Field) -> Iterator[Field]:
+    """Three drones on the ground whose estimators know where they are; they land after the test."""
+    until(lambda: all(_is_ready(client, drone) for drone in all_drones.ids), "drones are ready")
+    yield all_drones
+    for drone in all_drones.ids:
+        if all_drones.truth[drone]["armed"]:
+            client.drone(drone).land()
+    until(lambda: not any(all_drones.truth[d]["armed"] for d in all_drones.ids), "all landed")
 
 
 def _is_ready(client: Client, drone: int) -> bool:

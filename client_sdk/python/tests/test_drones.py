@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Iterator
-
 import numpy as np
 import pytest
 from support.server import Field, until
@@ -12,16 +10,6 @@ from volery import Client, Map, errors
 
 #: Speed of a drone that holds, meters per second.
 STILL = 0.15
-
-
-@pytest.fixture(autouse=True)
-def grounded(client: Client, field: Field) -> Iterator[None]:
-    """After each test everybody is on the ground."""
-    yield
-    for drone in field.ids:
-        if field.truth[drone]["armed"]:
-            client.drone(drone).land()
-    until(lambda: not any(field.truth[drone]["armed"] for drone in field.ids), "all landed")
 
 
 def test_a_drone_does_what_it_is_told(client: Client, hall: Map, field: Field) -> None:

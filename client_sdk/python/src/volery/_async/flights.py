@@ -7,7 +7,7 @@ import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from .. import types
-from ..errors import FlightAborted, TimedOut, VoleryError
+from ..errors import Conflict, FlightAborted, TimedOut, VoleryError
 from ..geometry import floats
 from ..types import CreateFlight, FlightDrone, FlightGoal, FlightStyle, FlightWay
 from .api import AsyncApi
@@ -16,6 +16,8 @@ from .http import AsyncHttp
 
 #: Between two looks at a flight, seconds.
 POLL_INTERVAL = 0.2
+#: So long a flight may take to end after its drones have landed, seconds.
+LAST_FLIGHT_ENDS = 5.0
 
 
 class AsyncFlight:
@@ -40,9 +42,19 @@ class AsyncFlight:
         return self
 
     async def start(self) -> AsyncFlight:
-        """Takes off with those who stand beneath their starts, and flies when all are there."""
-        self.info = await self._api.start_flight(self.id)
-        return self
+        """Takes off with those who stand beneath their starts, and flies when all are there.
+
+        Drones whose last flight is just ending are waited for.
+        """
+        deadline = time.monotonic() + LAST_FLIGHT_ENDS
+        while True:
+            try:
+                self.info = await self._api.start_flight(self.id)
+                return self
+            except Conflict as error:
+                if error.code != "drone_busy" or time.monotonic() > deadline:
+                    raise
+            await sleep(POLL_INTERVAL)
 
     async def pause(self) -> AsyncFlight:
         """Everybody waits in the air."""

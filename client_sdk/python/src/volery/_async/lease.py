@@ -46,6 +46,7 @@ class AsyncLease:
         self._lease = await self._api.create_lease(request)
         self._renewed = time.monotonic()
         self._renewal = AsyncRepeater(self._renew, self._ttl_ms / 1000 / RENEWALS)
+        await self._end_left_flights()
         return self
 
     async def __aexit__(
@@ -64,6 +65,18 @@ class AsyncLease:
             # It runs out by itself; an error of the block is more to the point.
             if error is None:
                 raise
+
+    async def _end_left_flights(self) -> None:
+        """Ends flights that an earlier script left behind and whose drones all stand on the ground:
+        they would keep its drones busy."""
+        for flight in await self._api.list_flights():
+            drones = [way.id for way in flight.drones]
+            is_over = flight.state in ("finished", "aborted")
+            if is_over or not set(drones) & set(self.ids):
+                continue
+            states = [await self._api.drone_state(drone) for drone in drones]
+            if not any(state.flying for state in states):
+                await self._api.abort_flight(flight.id)
 
     async def _renew(self) -> None:
         if self._lease is not None:

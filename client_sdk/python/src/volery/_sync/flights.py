@@ -8,7 +8,7 @@ import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from .. import types
-from ..errors import FlightAborted, TimedOut, VoleryError
+from ..errors import Conflict, FlightAborted, TimedOut, VoleryError
 from ..geometry import floats
 from ..types import CreateFlight, FlightDrone, FlightGoal, FlightStyle, FlightWay
 from .api import Api
@@ -17,6 +17,8 @@ from .http import Http
 
 #: Between two looks at a flight, seconds.
 POLL_INTERVAL = 0.2
+#: So long a flight may take to end after its drones have landed, seconds.
+LAST_FLIGHT_ENDS = 5.0
 
 
 class Flight:
@@ -41,9 +43,19 @@ class Flight:
         return self
 
     def start(self) -> Flight:
-        """Takes off with those who stand beneath their starts, and flies when all are there."""
-        self.info = self._api.start_flight(self.id)
-        return self
+        """Takes off with those who stand beneath their starts, and flies when all are there.
+
+        Drones whose last flight is just ending are waited for.
+        """
+        deadline = time.monotonic() + LAST_FLIGHT_ENDS
+        while True:
+            try:
+                self.info = self._api.start_flight(self.id)
+                return self
+            except Conflict as error:
+                if error.code != "drone_busy" or time.monotonic() > deadline:
+                    raise
+            sleep(POLL_INTERVAL)
 
     def pause(self) -> Flight:
         """Everybody waits in the air."""

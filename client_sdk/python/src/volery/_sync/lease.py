@@ -47,6 +47,7 @@ class Lease:
         self._lease = self._api.create_lease(request)
         self._renewed = time.monotonic()
         self._renewal = Repeater(self._renew, self._ttl_ms / 1000 / RENEWALS)
+        self._end_left_flights()
         return self
 
     def __exit__(
@@ -65,6 +66,18 @@ class Lease:
             # It runs out by itself; an error of the block is more to the point.
             if error is None:
                 raise
+
+    def _end_left_flights(self) -> None:
+        """Ends flights that an earlier script left behind and whose drones all stand on the ground:
+        they would keep its drones busy."""
+        for flight in self._api.list_flights():
+            drones = [way.id for way in flight.drones]
+            is_over = flight.state in ("finished", "aborted")
+            if is_over or not set(drones) & set(self.ids):
+                continue
+            states = [self._api.drone_state(drone) for drone in drones]
+            if not any(state.flying for state in states):
+                self._api.abort_flight(flight.id)
 
     def _renew(self) -> None:
         if self._lease is not None:
