@@ -1,14 +1,12 @@
-// The documents of ../docs and the routes of ../openapi.yaml, made into modules when the page is
-// built: `virtual:docs` and `virtual:api`.
+// The documents of ../docs as the module `virtual:docs`, made when the page is built.
 import { readFileSync } from 'node:fs';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
-import yaml from 'js-yaml';
 import { Marked } from 'marked';
 
 const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '..');
 /** In the order of the menu. */
-const PAGES = ['capture', 'safety', 'frames-and-units', 'api', 'errors', 'benchmarks', 'peers'];
+const PAGES = ['capture', 'safety', 'frames-and-units', 'api', 'errors'];
 
 const slug = (text) => text.toLowerCase().replace(/<[^>]*>|[^\w\s-]/g, '').trim().replace(/\s+/g, '-');
 
@@ -60,17 +58,12 @@ export const pages = ${JSON.stringify(pages)}.map((page) => ({ ...page, html: pu
 }
 
 export function documents() {
-  const modules = ['virtual:docs', 'virtual:api'];
+  const name = 'virtual:docs';
   return {
     name: 'volery-documents',
-    resolveId: (id) => (modules.includes(id) ? `\0${id}` : null),
+    resolveId: (id) => (id === name ? `\0${name}` : null),
     load(id) {
-      if (id === '\0virtual:docs') return docs((file) => this.addWatchFile(file));
-      if (id !== '\0virtual:api') return null;
-      const file = path.join(ROOT, 'openapi.yaml');
-      this.addWatchFile(file);
-      const { info, paths, components } = yaml.load(readFileSync(file, 'utf8'));
-      return `export default JSON.parse(${JSON.stringify(JSON.stringify({ info, paths, schemas: components.schemas }))});`;
+      return id === `\0${name}` ? docs((file) => this.addWatchFile(file)) : null;
     },
   };
 }

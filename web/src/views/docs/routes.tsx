@@ -1,7 +1,11 @@
-import { useState } from 'preact/hooks';
-import api from 'virtual:api';
+import { createContext } from 'preact';
+import { useContext, useState } from 'preact/hooks';
+import { load } from 'js-yaml';
+import { request } from '../../api/client';
+import { useLoad } from '../../state/load';
+import { Failure } from '../../ui/failure';
 
-export interface Schema {
+interface Schema {
   $ref?: string;
   type?: string | string[];
   description?: string;
@@ -25,16 +29,27 @@ interface Operation {
   responses?: Record<string, Body & { description?: string }>;
 }
 
-export interface Api {
-  info: { version: string };
+interface Api {
   paths: Record<string, Record<string, Operation>>;
-  schemas: Record<string, Schema>;
+  components: { schemas: Record<string, Schema> };
 }
+
+const Schemas = createContext<Record<string, Schema>>({});
 
 const METHODS = ['get', 'post', 'put', 'patch', 'delete', 'head'];
 
-/** All routes of openapi.yaml with what they take and answer. */
+/** All routes of the service that answers, with what they take and answer. */
 export function Routes() {
+  const { data, error, reload } = useLoad(async (signal) => {
+    const answer = await request('GET', '/openapi.yaml', null, { signal });
+    return load(await answer.text()) as Api;
+  }, []);
+  if (error !== null) return <Failure error={error} retry={reload} />;
+  if (data === null) return <p class="muted center">Loading …</p>;
+  return <Schemas.Provider value={data.components.schemas}><RouteList api={data} /></Schemas.Provider>;
+}
+
+function RouteList({ api }: { api: Api }) {
   const [wanted, setWanted] = useState('');
   const operations = Object.entries(api.paths).flatMap(([path, item]) =>
     METHODS.filter((method) => item[method]).map((method) => ({ path, method, operation: item[method]! })));
@@ -121,7 +136,8 @@ function typeOf(schema: Schema): string {
 /** Fields of an object; what they refer to is opened on demand. */
 function SchemaView({ schema, depth }: { schema: Schema; depth: number }) {
   const name = nameOf(schema);
-  const known = name ? api.schemas[name] : schema;
+  const schemas = useContext(Schemas);
+  const known = name ? schemas[name] : schema;
   if (!known || depth > 6) return null;
   if (known.items) return <SchemaView schema={known.items} depth={depth} />;
   const parts = known.oneOf ?? known.allOf;
