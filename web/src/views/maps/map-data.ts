@@ -1,5 +1,5 @@
 // Everything a page about one version of a map needs to know.
-import { ApiError, get, list, request } from '../../api/client';
+import { get, list, request } from '../../api/client';
 import { photosOf } from '../../api/photos';
 import type { Camera, Image, MapVersion, PlaceMap } from '../../api/types';
 import type { Placed } from '../../map3d/tour';
@@ -47,15 +47,12 @@ export async function loadMap(id: string, wanted: number | undefined, signal: Ab
 export const loadPhotos = (data: MapData): Promise<Map<string, Image>> =>
   photosOf(data.version, data.versions);
 
+/** `null` when the version has no such file. */
 async function readExport<T>(version: MapVersion, name: string, signal: AbortSignal): Promise<T | null> {
+  if (!version.files.some(({ path }) => path === name)) return null;
   const options = { at: { id: version.map_id, name }, query: { version: version.version }, signal };
-  try {
-    const response = await request('GET', '/v1/maps/{id}/export/{name}', null, options);
-    return (await response.json()) as T;
-  } catch (error) {
-    if (error instanceof ApiError && error.problem.status === 404) return null;
-    throw error;
-  }
+  const response = await request('GET', '/v1/maps/{id}/export/{name}', null, options);
+  return (await response.json()) as T;
 }
 
 /** `transforms.json`: the only place that names the camera of each photo. */
