@@ -87,6 +87,7 @@ test('a job is started and watched to its end', async () => {
   await page.getByRole('link', { name: 'Open the map' }).waitFor();
   await page.getByText(`${MAPPED} / ${MAPPED}`, { exact: true }).waitFor();
   await page.getByText('job succeeded').waitFor();
+  await page.getByText('not_metric', { exact: true }).waitFor();
   await accessible('job-done');
   await page.goto('/jobs');
   await page.getByText('succeeded').waitFor();

@@ -34,7 +34,7 @@ export function JobPage({ id }: { id: string }) {
     setLive(now);
     return follow(`job:${id}`, (_, event) => {
       if (event.seq <= now.job.last_event) return;
-      now = { job: after(now.job, event), log: [...now.log, ...logLine(event)] };
+      now = { job: after(now.job, event), log: [...now.log, ...logLine(event).filter((line) => !now.log.includes(line))] };
       setLive(now);
     }, reload, data.job.last_event);
   }, [data]);

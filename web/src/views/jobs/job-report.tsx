@@ -43,9 +43,15 @@ export function JobReport({ job }: { job: Job }) {
         )}
         {report.wall_s != null && <Figure value={duration(report.wall_s)} name="time" />}
       </div>
-      {[...(report.warnings ?? []), ...(report.advice ?? [])].map((text) => (
-        <p key={text} class="note warn">{text}</p>
+      {report.warnings?.map(({ code, detail, hint }) => (
+        <div key={code} class="note warn">
+          <div>
+            <p>{detail} <code>{code}</code></p>
+            {hint && <p class="muted">{hint}</p>}
+          </div>
+        </div>
       ))}
+      {report.advice?.map((text) => <p key={text} class="note">{text}</p>)}
       {images.length > 0 && (
         <details class="card" open={out.length > 0}>
           <summary>

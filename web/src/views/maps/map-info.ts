@@ -34,7 +34,7 @@ export interface Report {
   images?: ReportImage[];
   stages?: { name: string; wall_s: number; units: number; cached: number }[];
   quality?: MapInfo['quality'];
-  warnings?: string[];
+  warnings?: { code: string; detail: string; hint?: string }[];
   advice?: string[];
   wall_s?: number;
 }
