@@ -1,8 +1,10 @@
 //! Drones: what they are, what they say, what they are told.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
+
+use crate::LocalizeAnswer;
 
 /// Which MAVLink message carries poses to a drone's estimator.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -198,11 +200,50 @@ pub struct DronePose {
     pub position_sd: f64,
     /// Standard deviation of each angle, radians.
     pub angle_sd: f64,
+    /// Counts places that the source has given up for others: in flight, a place elsewhere that is
+    /// not announced so is not believed.
+    #[serde(default)]
+    pub reset_counter: u32,
 }
 
 /// What became of a pose.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DronePoseAnswer {
+    /// Whether it was sent to the drone.
+    pub sent: bool,
+    /// Why not.
+    pub reason: Option<String>,
+}
+
+/// Of a frame of a drone's camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FrameParams {
+    /// Where to look.
+    pub map_id: Uuid,
+    /// Since the frame was taken, milliseconds; 0 when absent.
+    pub age_ms: Option<f64>,
+}
+
+/// What a frame of a drone's camera says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FrameAnswer {
+    /// The pose of the camera, or why there is none.
+    pub answer: LocalizeAnswer,
+    /// The place of the drone, if there is one.
+    pub place: Option<FramePlace>,
+}
+
+/// The place of a drone by a frame of its camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FramePlace {
+    /// Of the drone in the map, meters.
+    pub position: [f64; 3],
+    /// `map_from_body`; w, x, y, z.
+    pub orientation: [f64; 4],
+    /// How far the drone's estimator is from it, meters.
+    pub correction_m: Option<f64>,
     /// Whether it was sent to the drone.
     pub sent: bool,
     /// Why not.

@@ -43,6 +43,73 @@ pub struct CreateFlight {
     /// Whether drones stop at views on the way that their frames can be compared with.
     #[serde(default)]
     pub views: bool,
+    /// Whether ways may lead where no camera has looked.
+    #[serde(default)]
+    pub allow_unseen: bool,
+}
+
+/// A place for one drone to fly to from where it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateTarget {
+    /// The map whose frame the place is in; it must be metric.
+    pub map_id: Uuid,
+    /// In the map, meters.
+    pub position: [f64; 3],
+    /// About the map's z axis, counter-clockwise from x, radians; along the way when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaw: Option<f64>,
+    /// How it is approached.
+    #[serde(default)]
+    pub style: FlightStyle,
+    /// Whether the drone stops at views on the way that its frames can be compared with.
+    #[serde(default)]
+    pub views: bool,
+    /// Largest level speed, meters per second; 1 when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed: Option<f64>,
+    /// Smallest distance to other drones in the air, heights counted half, meters; 1 when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub separation_m: Option<f64>,
+    /// Whether the way may lead where no camera has looked.
+    #[serde(default)]
+    pub allow_unseen: bool,
+    /// Only plan and check.
+    #[serde(default)]
+    pub dry_run: bool,
+}
+
+/// The planned way of a drone to its target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Target {
+    /// MAVLink system id.
+    pub drone: u8,
+    /// Where it is.
+    pub start: FlightGoal,
+    /// From its front to the direction of the target in the horizontal plane, counter-clockwise,
+    /// radians; absent when the target is straight above or below.
+    pub turn: Option<f64>,
+    /// Its legs in order.
+    pub legs: Vec<FlightLeg>,
+    /// Time for it, seconds.
+    pub duration_s: f64,
+    /// Nearest approach to another drone in the air, heights counted half, meters.
+    pub closest_m: Option<f64>,
+    /// What it was checked against.
+    pub checks: Vec<TargetCheck>,
+    /// The flight that it became, unless it was only planned.
+    pub flight_id: Option<Uuid>,
+}
+
+/// One check of a way.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct TargetCheck {
+    /// `map_metric`, `geofence`, `free_space`, `separation`, `limits`, `drone`.
+    pub rule: String,
+    /// `passed`, `failed`, or `unknown` where the map does not tell.
+    pub state: String,
+    /// What is wrong, where and when.
+    pub detail: Option<String>,
 }
 
 /// One drone of a flight.
@@ -78,7 +145,8 @@ pub struct Flight {
     pub id: Uuid,
     /// The map that it is in.
     pub map_id: Uuid,
-    /// `ready`, `running`, `paused`, `finished`, `aborted`.
+    /// `ready`, `running`, `paused`, `finished`, `aborted` (to land, or where it was by a command
+    /// or by all-stop).
     pub state: String,
     /// Whether drones are on their way up to the start.
     pub taking_off: bool,
@@ -130,11 +198,11 @@ pub struct FlightNews {
     /// Nanoseconds since the Unix epoch.
     pub t_ns: u64,
     /// `state`, `leg`, `held`, `released`, `clock_held`, `clock_runs`, `taken_out`, `landed`,
-    /// `replanned`, `no_way`.
+    /// `replanned`, `no_way`, `frame` (one of the drone's frames was placed by its features).
     pub kind: String,
     /// Whom it concerns.
     pub drone: Option<u8>,
-    /// The new state, the kind of the leg, or the reason.
+    /// The new state, the kind of the leg, the reason, or how far a frame corrected the drone.
     pub value: Option<String>,
 }
 

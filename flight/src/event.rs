@@ -1,6 +1,7 @@
 //! What happens to vehicles.
 
 use core::net::SocketAddr;
+use std::time::Duration;
 
 use crate::{
     VehicleId,
@@ -64,6 +65,11 @@ pub enum Alert {
     Lands(Reason),
     /// Poses are not believed; the first of a run.
     PoseRefused(PoseRefusal),
+    /// It is this many meters from where it was believed to be, as the source of its poses announced.
+    Relocated(f64),
+    /// Frames with its signature are more than a minute behind: its clock is wrong, or they are
+    /// played again. They are not taken.
+    SigningClock(Duration),
     /// Its failsafe or a pilot took over.
     ControlTaken,
     /// Somebody else sends with its number.
@@ -78,6 +84,8 @@ impl Alert {
         match self {
             Self::Holds(reason) | Self::Lands(reason) => reason.code(),
             Self::PoseRefused(_) => "pose_refused",
+            Self::Relocated(_) => "relocated",
+            Self::SigningClock(_) => "signing_clock",
             Self::ControlTaken => "control_taken",
             Self::Impostor(_) => "impostor",
             Self::SharedAddress => "shared_address",

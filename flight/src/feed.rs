@@ -6,40 +6,14 @@
 
 use std::time::Duration;
 
-use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
-use crate::{
-    frames::{map_yaw, wrap},
-    telemetry::Telemetry,
-};
+use crate::telemetry::Telemetry;
 
-/// Poses may not come faster: ArduPilot drops them.
-const MIN_INTERVAL: Duration = Duration::from_millis(20);
-/// Telemetry older than this says nothing about now.
-const TELEMETRY_AGE: Duration = Duration::from_millis(500);
-/// A coordinate further out is not a place in a building.
-const MAX_COORDINATE: f64 = 10_000.0;
-/// Standard deviations of a difference that are still noise.
-const SIGMAS: f64 = 5.0;
-/// Floor of the standard deviations that callers state: meters and radians.
-const MIN_SD: (f64, f64) = (0.01, 0.01);
-/// How wrong the vehicle's own motion may be: meters per second and radians per second.
-const DRIFT: (f64, f64) = (0.3, 0.3);
-/// Most drift that is forgiven, meters and radians: a vehicle that has been without poses for long
-/// lands, and must not follow a wrong place then.
-const MAX_DRIFT: f64 = 0.3;
-/// What delay does to a difference of yaws at a usual rate of turn.
-const YAW_SLACK: f64 = 0.2;
-/// Speed of a vehicle that says nothing, meters per second.
-const MAX_SPEED: f64 = 2.0;
-/// Furthest that a pose may lie from where the vehicle's estimator is, meters.
-const MAX_FROM_ESTIMATE: f64 = 0.5;
-/// Delay between a motion and our knowledge of it, for the distance above.
-const TELEMETRY_DELAY: f64 = 0.4;
-/// Largest tilt of a vehicle that flies as it should, radians.
-const MAX_TILT: f64 = 1.0;
-/// Poses that must agree with each other before a new place is believed.
-const AGREEING: u32 = 3;
+mod gate;
+
+pub use gate::PoseGate;
+
 /// Without poses for so long, an estimator drifts, and then is lost.
 const DEGRADED_AFTER: Duration = Duration::from_millis(500);
 const FAILED_AFTER: Duration = Duration::from_millis(1500);
@@ -48,9 +22,6 @@ const READY_AFTER: Duration = Duration::from_secs(2);
 /// How far an estimator may be from the poses before it is flown, and in flight, meters.
 const AGREEMENT: f64 = 0.3;
 const MAX_LAG: f64 = 1.0;
-/// Furthest new place that is believed in flight, meters; no new place is once the vehicle lands.
-const MAX_RELOCATION: f64 = 0.5;
-
 /// Pose of a vehicle with what belongs to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseFix {
@@ -62,6 +33,9 @@ pub struct PoseFix {
     pub position_sd: f64,
     /// Standard deviation of each angle, radians.
     pub angle_sd: f64,
+    /// Counts places that its source has given up for others. A new place that is not announced so
+    /// is not believed in flight.
+    pub resets: u32,
 }
 
 impl PoseFix {
@@ -73,11 +47,12 @@ impl PoseFix {
         captured: Duration,
         position_sd: f64,
         angle_sd: f64,
+        resets: u32,
     ) -> Self {
         let [w, x, y, z] = orientation;
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
         let map_from_body = Isometry3::from_parts(position.into(), rotation);
-        Self { map_from_body, captured, position_sd, angle_sd }
+        Self { map_from_body, captured, position_sd, angle_sd, resets }
     }
 }
 
@@ -169,6 +144,11 @@ impl Feed {
         self.state
     }
 
+    /// Whether its poses are elsewhere now, which its estimator has not followed yet.
+    pub(crate) fn is_relocating(&self, now: Duration) -> bool {
+        self.gate.is_relocating(now)
+    }
+
     /// Age of the latest pose that was sent.
     pub(crate) fn age(&self, now: Duration) -> Option<Duration> {
         self.last().map(|fix| now.saturating_sub(fix.captured))
@@ -218,171 +198,3 @@ impl Feed {
         telemetry.position_known == Some(true) && distance < limit
     }
 }
-
-/// A pose that was sent, with what the vehicle said then.
-#[derive(Debug, Clone, Copy)]
-struct Anchor {
-    fix: PoseFix,
-    estimate: Option<Point3<f64>>,
-    yaw: Option<f64>,
-}
-
-/// Lets poses pass that can be true.
-#[derive(Debug, Clone, Default)]
-pub struct PoseGate {
-    accepted: Option<Anchor>,
-    /// Latest pose of a place elsewhere, and how many agree with each other.
-    elsewhere: Option<(Anchor, u32)>,
-    reset_counter: u8,
-}
-
-impl PoseGate {
-    /// Whether `fix` may leave at `now`. Returns the reset counter to send with it.
-    ///
-    /// * `max_age`: from capture to now.
-    ///
-    /// # Errors
-    ///
-    /// [`PoseRefusal`].
-    pub fn check(
-        &mut self,
-        fix: PoseFix,
-        telemetry: &Telemetry,
-        max_age: Duration,
-        now: Duration,
-    ) -> Result<u8, PoseRefusal> {
-        check_alone(&fix, max_age, now)?;
-        let anchor = Anchor::new(fix, telemetry, now);
-        let Some(before) = &self.accepted else {
-            // A first pose has only the estimator to compare with, if it knows its place.
-            anchor.check_estimate(telemetry)?;
-            self.accepted = Some(anchor);
-            return Ok(self.reset_counter);
-        };
-        if fix.captured < before.fix.captured + MIN_INTERVAL {
-            return Err(PoseRefusal::NotNewer);
-        }
-        if telemetry.is_flying() && fix.map_from_body == before.fix.map_from_body {
-            return Err(PoseRefusal::Frozen);
-        }
-        let refusal = match anchor.check_motion(before).and(anchor.check_estimate(telemetry)) {
-            Ok(()) => {
-                self.elsewhere = None;
-                self.accepted = Some(anchor);
-                return Ok(self.reset_counter);
-            }
-            Err(refusal) => refusal,
-        };
-        let agreeing = match &self.elsewhere {
-            Some((last, _)) if fix.captured < last.fix.captured + MIN_INTERVAL => {
-                return Err(PoseRefusal::NotNewer);
-            }
-            Some((last, number)) if anchor.check_motion(last).is_ok() => number + 1,
-            _ => 1,
-        };
-        let gap = fix.captured.saturating_sub(before.fix.captured);
-        let near = matches!(refusal, PoseRefusal::Jump(distance) if distance < MAX_RELOCATION);
-        let believable = !telemetry.is_flying() || near && gap < FAILED_AFTER;
-        if agreeing < AGREEING || !believable {
-            self.elsewhere = Some((anchor, agreeing));
-            return Err(refusal);
-        }
-        self.elsewhere = None;
-        self.accepted = Some(anchor);
-        self.reset_counter = self.reset_counter.wrapping_add(1);
-        Ok(self.reset_counter)
-    }
-
-    /// The latest pose that passed.
-    pub fn last(&self) -> Option<&PoseFix> {
-        self.accepted.as_ref().map(|anchor| &anchor.fix)
-    }
-}
-
-impl Anchor {
-    fn new(fix: PoseFix, telemetry: &Telemetry, now: Duration) -> Self {
-        let fresh = |at: Duration| now.saturating_sub(at) <= TELEMETRY_AGE;
-        let motion = telemetry.motion.filter(|motion| fresh(motion.at));
-        let estimate = motion.map(|motion| {
-            // To the time of the image, so that what came at different times can be compared.
-            let ahead = fix.captured.as_secs_f64() - motion.at.as_secs_f64();
-            motion.position + motion.velocity * ahead
-        });
-        let yaw = telemetry.yaw.filter(|&(_, at)| fresh(at)).map(|(yaw, _)| yaw);
-        Self { fix, estimate, yaw }
-    }
-
-    fn position(&self) -> Vector3<f64> {
-        self.fix.map_from_body.translation.vector
-    }
-
-    /// Whether the way from `before` to here is the way that the vehicle says it went.
-    fn check_motion(&self, before: &Self) -> Result<(), PoseRefusal> {
-        let gap = self.fix.captured.saturating_sub(before.fix.captured).as_secs_f64();
-        let turn =
-            map_yaw(&self.fix.map_from_body.rotation) - map_yaw(&before.fix.map_from_body.rotation);
-        let (told, drift) = match (before.yaw, self.yaw) {
-            (Some(before), Some(now)) => (now - before, DRIFT.1),
-            _ => (0.0, MAX_SPEED),
-        };
-        let sd = self.fix.angle_sd.max(MIN_SD.1).hypot(before.fix.angle_sd.max(MIN_SD.1));
-        let angle = wrap(turn - told).abs();
-        if angle > SIGMAS * sd + YAW_SLACK + (drift * gap).min(MAX_DRIFT) {
-            return Err(PoseRefusal::Turn(angle));
-        }
-        let way = self.position() - before.position();
-        let (told, drift) = match (before.estimate, self.estimate) {
-            (Some(before), Some(now)) => (now - before, DRIFT.0),
-            _ => (Vector3::zeros(), MAX_SPEED),
-        };
-        let sd = self.fix.position_sd.max(MIN_SD.0).hypot(before.fix.position_sd.max(MIN_SD.0));
-        let distance = (way - told).norm();
-        if distance > SIGMAS * sd + (drift * gap).min(MAX_DRIFT) {
-            return Err(PoseRefusal::Jump(distance));
-        }
-        Ok(())
-    }
-
-    /// Whether this is about where the vehicle's estimator is, if it knows.
-    fn check_estimate(&self, telemetry: &Telemetry) -> Result<(), PoseRefusal> {
-        let (Some(estimate), Some(motion), Some(true)) =
-            (self.estimate, telemetry.motion, telemetry.position_known)
-        else {
-            return Ok(());
-        };
-        let distance = (self.position() - estimate.coords).norm();
-        let sd = self.fix.position_sd.max(MIN_SD.0);
-        if distance > MAX_FROM_ESTIMATE + SIGMAS * sd + TELEMETRY_DELAY * motion.velocity.norm() {
-            return Err(PoseRefusal::Jump(distance));
-        }
-        Ok(())
-    }
-}
-
-/// What can be said of a pose without its history.
-fn check_alone(fix: &PoseFix, max_age: Duration, now: Duration) -> Result<(), PoseRefusal> {
-    let Isometry3 { rotation, translation } = &fix.map_from_body;
-    // Comparisons with NaN are false.
-    let near = translation.vector.iter().all(|c| c.abs() < MAX_COORDINATE);
-    let unit = (rotation.coords.norm() - 1.0).abs() < 1e-3;
-    let uncertainties = [fix.position_sd, fix.angle_sd];
-    let certain = uncertainties.iter().all(|sd| (0.0..MAX_COORDINATE).contains(sd));
-    if !(near && unit && certain) {
-        return Err(PoseRefusal::NotFinite);
-    }
-    if fix.captured > now {
-        return Err(PoseRefusal::Future(fix.captured - now));
-    }
-    let age = now - fix.captured;
-    if age > max_age {
-        return Err(PoseRefusal::Stale(age));
-    }
-    let tilt = (rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos();
-    if tilt > MAX_TILT {
-        return Err(PoseRefusal::Tilted(tilt));
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests;

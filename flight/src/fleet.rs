@@ -1,22 +1,23 @@
 //! Many vehicles on one socket.
 
-use core::net::SocketAddr;
+mod reception;
+
 use std::{collections::BTreeMap, time::Duration};
 
-use mavlink::dialects::ardupilotmega::{MavMessage, MavType};
+use mavlink::dialects::ardupilotmega::MavMessage;
 
 use crate::{
-    Autopilot, Setpoint, VehicleId,
-    event::{Alert, Event, Happening},
+    Setpoint, VehicleId,
+    event::{Event, Happening},
     feed::{PoseFix, PoseRefusal},
-    link::{LinkState, STALE_AFTER},
-    message::{AUTOPILOT_COMPONENT, VisionMessage},
+    link::LinkState,
+    message::VisionMessage,
     options::{Datagram, FleetOptions},
     refusal::{CommandRefusal, Refused},
-    signing::{Key, SignatureError, Verifier},
+    signing::{Key, StreamTime, Verifier},
     task::{Command, CommandId},
     vehicle::Vehicle,
-    wire::{Frame, Sender, WireError, read_frame, write_frame},
+    wire::{Sender, write_frame},
 };
 
 /// We, towards vehicles: their failsafe counts the ground station of this number.
@@ -37,6 +38,8 @@ struct Registration {
     /// Of the frames sent to it.
     sequence: u8,
     signing_time: u64,
+    /// When it was last said that its clock is behind.
+    clock_told: Option<Duration>,
 }
 
 /// Many vehicles on one socket.
@@ -59,14 +62,21 @@ pub struct Fleet {
 impl Fleet {
     /// Without vehicles.
     pub fn new(options: FleetOptions) -> Self {
-        Self { options, ..Self::default() }
+        let mut fleet = Self::default();
+        for &time in &options.stream_times {
+            let id = VehicleId(time.sender.system_id);
+            fleet.registrations.entry(id).or_default().verifier.remember(time);
+        }
+        Self { options, ..fleet }
     }
 
     /// The vehicle's own key; from now on nothing else of it is accepted.
     pub fn set_key(&mut self, id: VehicleId, key: Option<Key>) {
         let registration = self.registrations.entry(id).or_default();
-        registration.key = key;
-        registration.verifier = Verifier::default();
+        let before = std::mem::replace(&mut registration.key, key);
+        if before.is_some() && before != registration.key {
+            registration.verifier = Verifier::default();
+        }
     }
 
     /// Which message carries the vehicle's poses.
@@ -107,144 +117,13 @@ impl Fleet {
         self.signing_now(now).max(latest.unwrap_or(0))
     }
 
+    /// Signing times of all streams that were taken, to be kept with [`Fleet::signing_time`].
+    pub fn stream_times(&self) -> Vec<StreamTime> {
+        self.registrations.values().flat_map(|known| known.verifier.times()).collect()
+    }
+
     fn signing_now(&self, now: Duration) -> u64 {
         self.options.signing_time_at_zero + (now.as_micros() / 10) as u64
-    }
-
-    /// Takes a datagram that came `from` somewhere.
-    pub fn receive(&mut self, datagram: &[u8], from: SocketAddr, now: Duration) {
-        let mut rest = datagram;
-        while !rest.is_empty() {
-            let (frame, following) = read_frame(rest);
-            rest = following;
-            let counter = match frame {
-                Ok(frame) => {
-                    self.receive_frame(&frame, from, now);
-                    continue;
-                }
-                Err(WireError::Version1) => &mut self.refused.version_1,
-                Err(WireError::Garbage | WireError::UnknownFlags(_)) => &mut self.refused.garbage,
-                Err(WireError::Checksum) => &mut self.refused.checksum,
-                Err(WireError::UnknownMessage(_)) => &mut self.refused.unknown_message,
-            };
-            *counter += 1;
-        }
-    }
-
-    fn receive_frame(&mut self, frame: &Frame<'_>, from: SocketAddr, now: Duration) {
-        // Only autopilots are vehicles; cameras and ground stations on the link are not.
-        if frame.sender.component_id != AUTOPILOT_COMPONENT {
-            self.refused.stranger += 1;
-            return;
-        }
-        let id = VehicleId(frame.sender.system_id);
-        let moved = match self.vehicles.get(&id) {
-            None => false,
-            Some(vehicle) if vehicle.address == from => false,
-            Some(vehicle) => {
-                // Before the signature is looked at: a copy must not use up the original's time.
-                if vehicle.link().silence(now) < STALE_AFTER {
-                    self.refused.foreign_address += 1;
-                    let alert = self
-                        .vehicles
-                        .get_mut(&id)
-                        .and_then(|vehicle| vehicle.notice_impostor(from, now));
-                    self.report(id, alert);
-                    return;
-                }
-                true
-            }
-        };
-        if let Err(error) = self.authenticate(id, frame, now) {
-            let counter = match error {
-                SignatureError::Missing => &mut self.refused.unsigned,
-                SignatureError::Wrong => &mut self.refused.wrong_signature,
-                SignatureError::Replayed | SignatureError::Old => &mut self.refused.replayed,
-            };
-            *counter += 1;
-            return;
-        }
-        let Some(message) = &frame.message else {
-            self.refused.unknown_message += 1;
-            return;
-        };
-        if (moved || !self.vehicles.contains_key(&id)) && !self.introduce(id, message, from, now) {
-            self.refused.stranger += 1;
-            return;
-        }
-        self.accepted += 1;
-        if let Some(vehicle) = self.vehicles.get_mut(&id) {
-            let (answer, happenings) = vehicle.take(frame.sequence, message, now);
-            self.send(id, answer);
-            self.report(id, happenings);
-        }
-    }
-
-    /// Whether the frame is from who it says, as far as that is asked.
-    fn authenticate(
-        &mut self,
-        id: VehicleId,
-        frame: &Frame<'_>,
-        now: Duration,
-    ) -> Result<(), SignatureError> {
-        let signing_now = self.signing_now(now);
-        let own = self.registrations.get(&id).and_then(|r| r.key.clone());
-        match own.or_else(|| self.options.default_key.clone()) {
-            Some(key) => {
-                let registration = self.registrations.entry(id).or_default();
-                registration.verifier.verify(&key, frame, signing_now)
-            }
-            None if self.options.accept_unsigned => Ok(()),
-            None => Err(SignatureError::Missing),
-        }
-    }
-
-    /// A vehicle is introduced, at a new address, too, by a heartbeat of its autopilot.
-    fn introduce(
-        &mut self,
-        id: VehicleId,
-        message: &MavMessage,
-        from: SocketAddr,
-        now: Duration,
-    ) -> bool {
-        let MavMessage::HEARTBEAT(heartbeat) = message else { return false };
-        let Some(autopilot) = Autopilot::from_heartbeat(heartbeat.autopilot) else { return false };
-        if heartbeat.mavtype == MavType::MAV_TYPE_GCS || id.0 == 0 {
-            return false;
-        }
-        match self.vehicles.get_mut(&id) {
-            Some(vehicle) if vehicle.autopilot == autopilot => {
-                vehicle.address = from;
-                self.report(id, [Happening::Moved(from)]);
-            }
-            _ => {
-                let mut vehicle = Vehicle::new(id, autopilot, from, now);
-                vehicle.vision = self.registrations.entry(id).or_default().vision;
-                self.vehicles.insert(id, vehicle);
-                self.report(id, [Happening::Link(LinkState::Seen)]);
-            }
-        }
-        self.find_shared_addresses(now);
-        true
-    }
-
-    /// A pose has no addressee but the address: two vehicles of one address get none.
-    fn find_shared_addresses(&mut self, now: Duration) {
-        let alive: Vec<(VehicleId, SocketAddr)> = self
-            .vehicles
-            .values()
-            .filter(|vehicle| vehicle.link().state(now) != LinkState::Lost)
-            .map(|vehicle| (vehicle.id, vehicle.address))
-            .collect();
-        for vehicle in self.vehicles.values_mut() {
-            let shares =
-                alive.iter().any(|&(id, address)| id != vehicle.id && address == vehicle.address);
-            if shares && !vehicle.shares_address {
-                let happening = Happening::Alert(Alert::SharedAddress);
-                self.events.push(Event { vehicle: vehicle.id, happening });
-            }
-            vehicle.shares_address = shares;
-        }
     }
 
     /// Takes a pose of a vehicle; if it can be true, it is sent to the vehicle's estimator.
@@ -295,6 +174,16 @@ impl Fleet {
         let happenings = vehicle.steer(setpoint, now)?;
         self.report(id, happenings);
         Ok(())
+    }
+
+    /// Whether a vehicle would follow setpoints now.
+    ///
+    /// # Errors
+    ///
+    /// [`CommandRefusal`] says why it would not.
+    pub fn may_steer(&self, id: VehicleId, now: Duration) -> Result<(), CommandRefusal> {
+        let vehicle = self.vehicles.get(&id).ok_or(CommandRefusal::UnknownVehicle)?;
+        vehicle.may_steer(now)
     }
 
     /// Whoever commands the vehicle promises to be there until `until`; then it holds. `None` ends

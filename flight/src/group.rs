@@ -1,5 +1,6 @@
 //! Several vehicles in one space: formations, the plan and its check, the flight of the plan.
 
+mod air;
 mod assignment;
 mod conductor;
 mod coordinator;
@@ -10,6 +11,7 @@ mod guard;
 mod plan;
 mod separation;
 
+pub use air::{Air, Obstruction};
 pub use assignment::assign;
 pub use conductor::{BeginRefused, Conductor, sight};
 pub use coordinator::{

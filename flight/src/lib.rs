@@ -38,7 +38,9 @@ pub use message::VisionMessage;
 pub use options::{Datagram, FleetOptions};
 pub use refusal::{CommandRefusal, Refused};
 pub use setpoint::{Setpoint, VehicleId};
-pub use signing::{Key, SIGNATURE_BYTES, Signature, SignatureError, Verifier, signing_time};
+pub use signing::{
+    Key, SIGNATURE_BYTES, Signature, SignatureError, StreamTime, Verifier, signing_time,
+};
 pub use task::{Command, CommandId, CommandState};
 pub use telemetry::{Landed, Motion, Telemetry};
 pub use vehicle::Vehicle;

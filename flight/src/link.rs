@@ -18,6 +18,8 @@ const RATE_WINDOW: Duration = Duration::from_secs(2);
 const REQUEST_SPACING: Duration = Duration::from_millis(50);
 /// A clock that goes back by more than this has started anew.
 const REBOOT_STEP: Duration = Duration::from_secs(1);
+/// A longer way of a message is an error of its stamp.
+const MAX_DELAY: Duration = Duration::from_millis(500);
 /// Requests of a message that never comes, before they become rare.
 const EAGER_REQUESTS: u32 = 5;
 
@@ -146,6 +148,15 @@ impl Link {
     /// Their clock minus ours, nanoseconds.
     pub fn clock_offset_ns(&self) -> Option<i64> {
         self.clock_offset_ns
+    }
+
+    /// When something was so that they stamped with their `uptime` and that came `now`: by their clock
+    /// if it is known and makes sense, else now.
+    pub(crate) fn time_of(&self, uptime: Duration, now: Duration) -> Duration {
+        let ours = self.clock_offset_ns.and_then(|offset| {
+            u64::try_from(nanoseconds(uptime).checked_sub(offset)?).ok().map(Duration::from_nanos)
+        });
+        ours.map(|ours| ours.min(now)).filter(|ours| *ours + MAX_DELAY >= now).unwrap_or(now)
     }
 
     /// Part of their messages that did not arrive.

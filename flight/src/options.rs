@@ -3,7 +3,7 @@
 use core::net::SocketAddr;
 use std::time::Duration;
 
-use crate::signing::Key;
+use crate::signing::{Key, StreamTime};
 
 /// Settings of a fleet.
 #[derive(Debug, Clone)]
@@ -14,6 +14,8 @@ pub struct FleetOptions {
     pub default_key: Option<Key>,
     /// The signing time at time zero; never ahead of true time, never behind what was used before.
     pub signing_time_at_zero: u64,
+    /// Signing times of streams that were taken before.
+    pub stream_times: Vec<StreamTime>,
     /// Oldest pose that is sent.
     pub max_pose_age: Duration,
 }
@@ -24,6 +26,7 @@ impl Default for FleetOptions {
             accept_unsigned: false,
             default_key: None,
             signing_time_at_zero: 0,
+            stream_times: Vec::new(),
             max_pose_age: Duration::from_millis(100),
         }
     }

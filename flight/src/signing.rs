@@ -99,8 +99,11 @@ pub enum SignatureError {
     #[error("signing time was used before")]
     Replayed,
     /// A stream not heard before that is more than a minute behind.
-    #[error("signing time is too old")]
-    Old,
+    #[error("signing time is {:.0} s behind", .behind.as_secs_f64())]
+    Old {
+        /// How far.
+        behind: Duration,
+    },
 }
 
 /// The times of one stream that were taken lately.
@@ -127,6 +130,18 @@ impl Taken {
     }
 }
 
+/// The latest time taken of a stream: what is kept over a restart, so that nothing taken before can
+/// be played again after it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamTime {
+    /// Who signs.
+    pub sender: Sender,
+    /// On which link of theirs.
+    pub link_id: u8,
+    /// In units of 10 µs since the start of 2015.
+    pub time: u64,
+}
+
 /// Times of the streams of one key.
 #[derive(Debug, Clone, Default)]
 pub struct Verifier {
@@ -134,6 +149,20 @@ pub struct Verifier {
 }
 
 impl Verifier {
+    /// The latest time of each stream.
+    pub fn times(&self) -> impl Iterator<Item = StreamTime> + '_ {
+        self.streams.iter().map(|(&(sender, link_id), taken)| {
+            let time = taken.times.last().copied().unwrap_or(taken.floor);
+            StreamTime { sender, link_id, time }
+        })
+    }
+
+    /// Takes nothing of a stream any more up to its time.
+    pub fn remember(&mut self, StreamTime { sender, link_id, time }: StreamTime) {
+        let taken = Taken { floor: time, times: BTreeSet::new() };
+        self.streams.insert((sender, link_id), taken);
+    }
+
     /// Whether `frame` was signed with `key` and was never taken before.
     ///
     /// * `now`: the reader's signing time.
@@ -150,7 +179,9 @@ impl Verifier {
         }
         match self.streams.get_mut(&(frame.sender, link_id)) {
             Some(taken) => taken.take(time),
-            None if time + MAX_BEHIND < now => Err(SignatureError::Old),
+            None if time + MAX_BEHIND < now => {
+                Err(SignatureError::Old { behind: Duration::from_micros((now - time) * 10) })
+            }
             None => {
                 let taken = Taken { floor: time, times: BTreeSet::new() };
                 self.streams.insert((frame.sender, link_id), taken);

@@ -70,8 +70,9 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// Takes a message. Returns whether it said something of this kind.
-    pub fn take(&mut self, message: &MavMessage, now: Duration) -> bool {
+    /// Takes a message that tells what was so `at` a time. Returns whether it said something of this
+    /// kind.
+    pub fn take(&mut self, message: &MavMessage, at: Duration) -> bool {
         match message {
             MavMessage::HEARTBEAT(m) => {
                 self.custom_mode = Some(m.custom_mode);
@@ -86,14 +87,14 @@ impl Telemetry {
                     self.motion = Some(Motion {
                         position: local_from_map_point(&position),
                         velocity: local_from_map_vector(&velocity),
-                        at: now,
+                        at,
                     });
                 }
             }
             MavMessage::ATTITUDE(m) => {
                 let [roll, pitch, yaw] = [m.roll, m.pitch, m.yaw].map(f64::from);
                 if (roll + pitch + yaw).is_finite() {
-                    self.yaw = Some((local_from_map_yaw(yaw), now));
+                    self.yaw = Some((local_from_map_yaw(yaw), at));
                     self.attitude = Some(UnitQuaternion::from_euler_angles(roll, pitch, yaw));
                 }
             }

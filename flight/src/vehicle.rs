@@ -1,9 +1,12 @@
 //! One vehicle: its link, its estimator's feed, its pilot and its guard.
 
+mod guard;
+
 use core::net::SocketAddr;
 use std::time::Duration;
 
 use mavlink::dialects::ardupilotmega::MavMessage;
+use nalgebra::Point3;
 
 use crate::{
     Autopilot, Setpoint, VehicleId,
@@ -16,7 +19,7 @@ use crate::{
     refusal::CommandRefusal,
     task::{self, Command, CommandId, CommandState},
     telemetry::{Telemetry, uptime},
-    watchdog::{Health, Reason, Verdict, WatchdogLimits, judge},
+    watchdog::{Reason, Verdict, WatchdogLimits, judge},
 };
 
 /// Braking that every multicopter manages, meters per second squared.
@@ -150,7 +153,8 @@ impl Vehicle {
         }
         self.telemetry.uptime = uptime.or(self.telemetry.uptime);
         let before = (self.telemetry.armed, self.telemetry.custom_mode, self.telemetry.landed);
-        self.telemetry.take(message, now);
+        let so_at = uptime.map_or(now, |uptime| self.link.time_of(uptime, now));
+        self.telemetry.take(message, so_at);
         let Telemetry { armed, custom_mode, landed, .. } = self.telemetry;
         if armed != before.0 {
             happenings.push(Happening::Armed(armed));
@@ -192,15 +196,23 @@ impl Vehicle {
         if matches!(self.feed.state(), FeedState::Idle | FeedState::Origin) {
             return (Err(PoseRefusal::NotFed), None);
         }
+        let resets = self.feed.gate().reset_counter();
         match self.feed.gate().check(fix, &self.telemetry, max_age, now) {
             Ok(reset_counter) => {
                 self.refusing_poses = false;
+                let relocated =
+                    (reset_counter != resets && self.telemetry.is_flying()).then(|| {
+                        let place = Point3::from(fix.map_from_body.translation.vector);
+                        let distance =
+                            self.here().map_or(0.0, |here| (here.position - place).norm());
+                        Happening::Alert(Alert::Relocated(distance))
+                    });
                 let local_from_body = local_from_map_pose(&fix.map_from_body);
                 let sd = Some((fix.position_sd, fix.angle_sd));
                 let kind = self.vision;
                 let message =
                     message::vision_pose(kind, &local_from_body, fix.captured, sd, reset_counter);
-                (Ok(message), None)
+                (Ok(message), relocated)
             }
             Err(refusal) => {
                 let is_new = !self.refusing_poses && refusal != PoseRefusal::NotNewer;
@@ -275,14 +287,23 @@ impl Vehicle {
         }
     }
 
+    /// Whether it would follow setpoints now.
+    pub(crate) fn may_steer(&self, now: Duration) -> Result<(), CommandRefusal> {
+        let setpoint = Setpoint::at(nalgebra::Point3::origin(), 0.0);
+        let there = Command::Go { setpoint, tolerance: 1.0, timeout: STEER_TIMEOUT };
+        self.check_command(&there, now)
+    }
+
     /// Steers a vehicle in flight to a setpoint of a plan, which must be renewed.
     pub(crate) fn steer(
         &mut self,
         setpoint: Setpoint,
         now: Duration,
     ) -> Result<Vec<Happening>, CommandRefusal> {
-        let command = Command::Go { setpoint, tolerance: 1.0, timeout: STEER_TIMEOUT };
-        self.check_command(&command, now)?;
+        if !setpoint.is_finite() {
+            return Err(CommandRefusal::BadNumber);
+        }
+        self.may_steer(now)?;
         self.steer_until = Some(now + STEER_TIMEOUT);
         self.pilot.steer(setpoint, now);
         Ok(self.pilot.finish(CommandState::Superseded))
@@ -332,61 +353,5 @@ impl Vehicle {
         let flown = Flown { id: self.id, autopilot: self.autopilot, telemetry: &self.telemetry };
         happenings.extend(self.pilot.poll(flown, now, out));
         happenings
-    }
-
-    /// What the watchdog looks at.
-    fn health(&self, now: Duration) -> Health {
-        let since = |at: Duration| now.saturating_sub(at);
-        Health {
-            pose_age: self.feed.age(now),
-            link_age: self.telemetry.motion.map(|motion| since(motion.at)),
-            lease_over: self.lease_until.map_or(Duration::ZERO, since),
-            battery: self.telemetry.battery,
-            ..Health::default()
-        }
-    }
-
-    /// Acts on what must not go on in flight.
-    fn guard(&mut self, now: Duration) -> Vec<Happening> {
-        if !self.telemetry.is_flying() {
-            // On the ground nothing is to be held.
-            self.lease_until.take_if(|until| *until <= now);
-        }
-        if !self.telemetry.is_flying() || !self.is_in_control() {
-            self.verdict = Verdict::Continue;
-            return Vec::new();
-        }
-        let verdict = judge(&self.health(now), &self.limits);
-        let unsteered = self.steer_until.is_some_and(|until| now >= until);
-        let before = std::mem::replace(&mut self.verdict, verdict);
-        // A hold may be flown out of once its reason is gone; a landing goes on.
-        let worse = verdict.severity() > before.severity();
-        match verdict {
-            Verdict::Land(reason) if worse => {
-                self.steer_until = None;
-                let nowhere = Setpoint::at(nalgebra::Point3::origin(), 0.0);
-                let steps = task::steps(&Command::Land, self.autopilot, nowhere, nowhere);
-                let mut happenings = vec![Happening::Alert(Alert::Lands(reason))];
-                happenings.extend(self.pilot.begin(CommandId::GUARD, steps));
-                happenings
-            }
-            Verdict::Hold(reason) if worse => {
-                let mut happenings = vec![Happening::Alert(Alert::Holds(reason))];
-                happenings.extend(self.hold(now));
-                happenings
-            }
-            Verdict::Continue if unsteered => self.hold(now),
-            _ => Vec::new(),
-        }
-    }
-
-    /// Stays where it can stop from now on.
-    fn hold(&mut self, now: Duration) -> Vec<Happening> {
-        self.steer_until = None;
-        if let Some(stop) = self.stopping_point() {
-            self.pilot.steer(stop, now);
-            self.pilot.hurry(now);
-        }
-        self.pilot.finish(CommandState::Superseded)
     }
 }

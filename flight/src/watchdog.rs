@@ -8,14 +8,8 @@ use std::time::Duration;
 pub struct Health {
     /// Age of the newest pose that was sent to the vehicle, from its frame's capture.
     pub pose_age: Option<Duration>,
-    /// How far the newest pose lies from where telemetry expects it. Meters.
-    pub pose_jump: f64,
-    /// How far the newest yaw lies from where telemetry expects it. Radians.
-    pub yaw_jump: f64,
-    /// How long the camera has been sending the same picture.
-    pub camera_frozen: Duration,
-    /// How long localization has been lost; zero while it tracks.
-    pub localization_lost: Duration,
+    /// The source of its poses says that it is elsewhere, and that is not proven yet.
+    pub relocating: bool,
     /// Age of the newest telemetry.
     pub link_age: Option<Duration>,
     /// How long the commanding client's lease has been over; zero while it holds.
@@ -29,10 +23,7 @@ impl Default for Health {
     fn default() -> Self {
         Self {
             pose_age: Some(Duration::ZERO),
-            pose_jump: 0.0,
-            yaw_jump: 0.0,
-            camera_frozen: Duration::ZERO,
-            localization_lost: Duration::ZERO,
+            relocating: false,
             link_age: Some(Duration::ZERO),
             lease_over: Duration::ZERO,
             battery: None,
@@ -43,16 +34,10 @@ impl Default for Health {
 /// Why a vehicle does not go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Reason {
-    /// No fresh pose.
+    /// No fresh pose that can be true: what jumps, repeats itself or is late does not leave.
     PoseStale,
-    /// The pose jumped.
-    PoseJump,
-    /// The yaw jumped.
-    YawJump,
-    /// The camera sends the same picture over and over.
-    CameraFrozen,
-    /// The vehicle does not know where it is.
-    LocalizationLost,
+    /// It may be elsewhere.
+    Relocating,
     /// The vehicle is silent.
     LinkLost,
     /// Nobody commands.
@@ -70,10 +55,7 @@ impl Reason {
     pub fn code(self) -> &'static str {
         match self {
             Self::PoseStale => "pose_stale",
-            Self::PoseJump => "pose_jump",
-            Self::YawJump => "yaw_jump",
-            Self::CameraFrozen => "camera_frozen",
-            Self::LocalizationLost => "localization_lost",
+            Self::Relocating => "relocating",
             Self::LinkLost => "link_lost",
             Self::LeaseOver => "lease_over",
             Self::BatteryLow => "battery_low",
@@ -111,16 +93,10 @@ pub struct WatchdogLimits {
     /// Poses older than this hold and land. An autopilot's own failsafe takes 7 s or more, and a
     /// vehicle without poses drifts by 0.7 m in that time.
     pub pose_age: Patience,
-    /// Pictures and localization that fail for this long hold and land.
-    pub camera: Patience,
     /// Silence of the vehicle.
     pub link: Patience,
     /// Absence of the pilot.
     pub lease: Patience,
-    /// A larger jump of the pose holds. Meters.
-    pub pose_jump: f64,
-    /// A larger jump of the yaw holds. Radians.
-    pub yaw_jump: f64,
     /// Charge below which the vehicle lands.
     pub battery_land: f64,
 }
@@ -149,17 +125,13 @@ impl Patience {
 }
 
 impl Default for WatchdogLimits {
-    /// Poses: hold at 0.5 s, land at 1.5 s. Camera and localization: the same, since their poses
-    /// are no news. Link: hold at 1 s, land at 5 s. Pilot: hold at once, land at 30 s.
-    /// Jumps: 0.5 m, 30 deg. Battery: land at 20 %.
+    /// Poses: hold at 0.5 s, land at 1.5 s. Link: hold at 1 s, land at 5 s. Pilot: hold at once, land
+    /// at 30 s. Battery: land at 20 %.
     fn default() -> Self {
         Self {
             pose_age: Patience::millis(500, 1_500),
-            camera: Patience::millis(500, 1_500),
             link: Patience::millis(1_000, 5_000),
             lease: Patience::millis(1, 30_000),
-            pose_jump: 0.5,
-            yaw_jump: 30f64.to_radians(),
             battery_land: 0.20,
         }
     }
@@ -170,10 +142,8 @@ impl Default for WatchdogLimits {
 /// Monotone: a vehicle in a worse state is never treated more mildly. What never came counts as
 /// infinitely old, and a number that is not one as beyond its limit.
 pub fn judge(health: &Health, limits: &WatchdogLimits) -> Verdict {
-    let beyond = |value: f64, limit: f64| value.is_nan() || value.abs() > limit;
-    let jump = |value: f64, limit: f64, reason: Reason| {
-        if beyond(value, limit) { Verdict::Hold(reason) } else { Verdict::Continue }
-    };
+    let relocating =
+        if health.relocating { Verdict::Hold(Reason::Relocating) } else { Verdict::Continue };
     let battery = match health.battery {
         Some(charge) if charge.is_nan() || charge < limits.battery_land => {
             Verdict::Land(Reason::BatteryLow)
@@ -182,12 +152,9 @@ pub fn judge(health: &Health, limits: &WatchdogLimits) -> Verdict {
     };
     let verdicts = [
         limits.pose_age.judge(health.pose_age, Reason::PoseStale),
-        limits.camera.judge(Some(health.localization_lost), Reason::LocalizationLost),
-        limits.camera.judge(Some(health.camera_frozen), Reason::CameraFrozen),
+        relocating,
         limits.link.judge(health.link_age, Reason::LinkLost),
         limits.lease.judge(Some(health.lease_over), Reason::LeaseOver),
-        jump(health.pose_jump, limits.pose_jump, Reason::PoseJump),
-        jump(health.yaw_jump, limits.yaw_jump, Reason::YawJump),
         battery,
     ];
     // The first of the gravest, so that the reason is stable.

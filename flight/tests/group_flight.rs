@@ -66,6 +66,8 @@ fn options() -> FlightOptions {
         limits: MotionLimits::default(),
         separation: Separation::default(),
         geofence: Geofence::around(&low, &Point3::new(8.0, 8.0, 6.0), 0.5).unwrap(),
+        air: None,
+        others: Default::default(),
         start_tolerance: 0.3,
         metric_map: true,
     };

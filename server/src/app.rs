@@ -19,8 +19,8 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        beacons, cameras, drones, exports, flights, images, imagesets, jobs, leases, localize,
-        maps, page, priors, render, service, tokens, uploads,
+        beacons, cameras, drones, exports, flights, frames, images, imagesets, jobs, leases,
+        localize, maps, page, priors, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -88,6 +88,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(drones::command_drone))
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
+        .routes(routes!(flights::fly_to_target))
         .routes(routes!(drones::all_stop))
         .routes(routes!(leases::create_lease, leases::list_leases))
         .routes(routes!(leases::renew_lease))
@@ -111,6 +112,7 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(exports::map_free_space))
         .routes(routes!(exports::export))
         .routes(routes!(localize::localize))
+        .routes(routes!(frames::drone_frame))
         .routes(routes!(localize::localize_in_maps))
         .routes(routes!(render::render))
         .routes(routes!(socket::open_socket))

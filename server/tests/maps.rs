@@ -46,7 +46,7 @@ async fn exports_have_tags_and_ranges() {
         assert_eq!(first.header("etag"), again.header("etag"), "{name}: equal maps, equal bytes");
     }
     let grid = client.get(&format!("/v1/maps/{map}/freespace")).await.expect(200);
-    assert_eq!(grid.body, b"VOLOCC01");
+    assert!(grid.body.starts_with(b"VOLOCC01"));
     let none = client.get(&format!("/v1/maps/{map}/export/secret.txt")).await.expect(404);
     assert_eq!(none.code(), "not_found");
     for path in ["..%2f..%2fvolery.db", "%2e%2e/%2e%2e/volery.db"] {

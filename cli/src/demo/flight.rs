@@ -202,6 +202,8 @@ impl Swarm {
             margin_m: None,
             speed: None,
             views: false,
+            // Cameras that look outwards do not see the middle of their own hall.
+            allow_unseen: true,
         };
         let flight = self.client.create_flight(&request).await.map_err(failed)?;
         self.client.start_flight(flight.id).await.map_err(failed)?;

@@ -4,7 +4,7 @@ use reqwest::Method;
 use uuid::Uuid;
 use volery_api::{
     AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer,
-    DroneState, Lease, PutDrone,
+    DroneState, FrameAnswer, Lease, PutDrone,
 };
 
 use crate::{Client, ClientError};
@@ -57,6 +57,20 @@ impl Client {
     ) -> Result<DronePoseAnswer, ClientError> {
         let path = format!("/v1/drones/{id}/pose");
         Ok(self.send_once(self.request(Method::POST, &path).json(pose)).await?.json().await?)
+    }
+
+    /// Takes one frame of a drone's camera, `age_ms` after it was taken.
+    pub async fn drone_frame(
+        &self,
+        id: u8,
+        map: Uuid,
+        image: Vec<u8>,
+        age_ms: f64,
+    ) -> Result<FrameAnswer, ClientError> {
+        let path = format!("/v1/drones/{id}/frames?map_id={map}&age_ms={age_ms}");
+        let request = self.request(Method::POST, &path).body(image);
+        let request = request.header("Content-Type", "application/octet-stream");
+        Ok(self.send_once(request).await?.json().await?)
     }
 
     /// Stops every drone.

@@ -2,7 +2,9 @@
 
 use reqwest::Method;
 use uuid::Uuid;
-use volery_api::{BeaconEstimate, BeaconEstimateRequest, CreateFlight, Flight, Geofence};
+use volery_api::{
+    BeaconEstimate, BeaconEstimateRequest, CreateFlight, CreateTarget, Flight, Geofence, Target,
+};
 
 use crate::{Client, ClientError};
 
@@ -10,6 +12,13 @@ impl Client {
     /// Plans a flight and checks the plan.
     pub async fn create_flight(&self, flight: &CreateFlight) -> Result<Flight, ClientError> {
         let request = self.request(Method::POST, "/v1/flights").json(flight);
+        Ok(self.send_once(request).await?.json().await?)
+    }
+
+    /// Plans the way of a drone to a place, and flies it there unless it is a dry run.
+    pub async fn fly_to(&self, drone: u8, target: &CreateTarget) -> Result<Target, ClientError> {
+        let path = format!("/v1/drones/{drone}/target");
+        let request = self.request(Method::POST, &path).json(target);
         Ok(self.send_once(request).await?.json().await?)
     }
 

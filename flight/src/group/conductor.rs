@@ -64,6 +64,18 @@ impl Conductor {
         &mut self.coordinator
     }
 
+    /// Ends the flight where everybody is: somebody else commands those who fly.
+    pub fn stop(&mut self) {
+        self.begins_by = None;
+        self.coordinator.stop();
+    }
+
+    /// Leaves a vehicle that somebody else lands; the others go on.
+    pub fn take_out(&mut self, vehicle: VehicleId) {
+        self.coordinator.take_out(vehicle);
+        self.told.insert(vehicle, Told::Land);
+    }
+
     /// Whether vehicles are on their way up to the start.
     pub fn is_beginning(&self) -> bool {
         self.begins_by.is_some()

@@ -25,6 +25,8 @@ pub enum FlightState {
     Finished,
     /// Everybody lands.
     Aborted,
+    /// Aborted where everybody was: nobody is landed, others command those who fly.
+    Stopped,
 }
 
 impl FlightState {
@@ -35,13 +37,13 @@ impl FlightState {
             Self::Running => "running",
             Self::Paused => "paused",
             Self::Finished => "finished",
-            Self::Aborted => "aborted",
+            Self::Aborted | Self::Stopped => "aborted",
         }
     }
 
     /// Nothing comes after it.
     pub fn is_over(self) -> bool {
-        matches!(self, Self::Finished | Self::Aborted)
+        matches!(self, Self::Finished | Self::Aborted | Self::Stopped)
     }
 }
 
@@ -245,12 +247,14 @@ impl Coordinator {
     pub fn new(
         plan: FlightPlan,
         tasks: Vec<Task>,
-        options: FlightOptions,
+        mut options: FlightOptions,
     ) -> Result<Self, Vec<Violation>> {
         let violations = plan.check(&options.rules);
         if !violations.is_empty() {
             return Err(violations);
         }
+        // They will have moved on when new ways are looked for; the guard sees where they are.
+        options.rules.others.clear();
         let flying = Member { role: Role::Flying, leg: None };
         let members = plan.ways.keys().map(|&vehicle| (vehicle, flying.clone())).collect();
         Ok(Self {
@@ -321,6 +325,22 @@ impl Coordinator {
             self.state = FlightState::Aborted;
         }
         goes_on
+    }
+
+    /// Nobody is ordered anything any more.
+    pub(crate) fn stop(&mut self) {
+        if !self.state.is_over() {
+            self.state = FlightState::Stopped;
+        }
+    }
+
+    /// A member lands, by the order of somebody else; the others go on.
+    pub(crate) fn take_out(&mut self, vehicle: VehicleId) {
+        if let Some(member) = self.members.get_mut(&vehicle)
+            && matches!(member.role, Role::Flying | Role::Held(_))
+        {
+            member.role = Role::Landing;
+        }
     }
 
     fn change(&mut self, from: FlightState, to: FlightState) -> bool {

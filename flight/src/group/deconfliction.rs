@@ -126,7 +126,7 @@ fn transfer(moves: &[Move], rules: &Rules, how: &Deconfliction) -> Result<Vec<Wa
     loop {
         let mut found: Vec<Way> = Vec::with_capacity(moves.len());
         let stuck = order.iter().position(|&index| {
-            let clear = |way: &&Trajectory| is_clear(way, &found, how, &apart);
+            let clear = |way: &&Trajectory| is_clear(way, &found, rules, how, &apart);
             let way = candidates[index].iter().find(clear).cloned();
             let none = way.is_none();
             found.extend(way.map(|way| (moves[index].vehicle, way)));
@@ -143,7 +143,13 @@ fn transfer(moves: &[Move], rules: &Rules, how: &Deconfliction) -> Result<Vec<Wa
 }
 
 /// Whether a way keeps clear of obstacles and of all ways found so far.
-fn is_clear(way: &Trajectory, found: &[Way], how: &Deconfliction, apart: &Separation) -> bool {
+fn is_clear(
+    way: &Trajectory,
+    found: &[Way],
+    rules: &Rules,
+    how: &Deconfliction,
+    apart: &Separation,
+) -> bool {
     // A whisker less than required is rounding.
     let clear = |other: &Trajectory, apart: &Separation| {
         closest_approach(way, other, apart).distance >= apart.distance - 1e-6
@@ -151,6 +157,7 @@ fn is_clear(way: &Trajectory, found: &[Way], how: &Deconfliction, apart: &Separa
     let ground = Separation { distance: apart.distance - 0.5 * how.margin, vertical_weight: 1.0 };
     let standing = |position| Trajectory::standing(Waypoint { position, yaw: 0.0 });
     found.iter().all(|(_, other)| clear(other, apart))
+        && rules.others.values().all(|other| clear(other, apart))
         && how.obstacles.iter().all(|&place| clear(&standing(place), &ground))
 }
 
@@ -162,7 +169,7 @@ fn ways_of(step: &Move, rules: &Rules, how: &Deconfliction) -> Vec<Trajectory> {
         for delay in 0..=(MAX_DELAY / DELAY_STEP) as usize {
             let delay = Duration::from_secs_f64(delay as f64 * DELAY_STEP);
             ways.push(timed(step.start, &way, delay, rules, how));
-            if delay.is_zero() && !keeps_to_fence(&ways[ways.len() - 1], rules) {
+            if delay.is_zero() && !has_room(&ways[ways.len() - 1], rules) {
                 ways.pop(); // nor will it later
                 break;
             }
@@ -224,11 +231,14 @@ fn timed(
     way
 }
 
-fn keeps_to_fence(way: &Trajectory, rules: &Rules) -> bool {
+/// Whether a way keeps to the fence and to the air.
+fn has_room(way: &Trajectory, rules: &Rules) -> bool {
     let inside = |s: &crate::motion::Segment| {
         rules.geofence.breach_between(&s.position, &s.position_at(s.duration)).is_none()
     };
-    way.segments().iter().all(inside) && rules.geofence.breach(&way.end().position).is_none()
+    way.segments().iter().all(inside)
+        && rules.geofence.breach(&way.end().position).is_none()
+        && rules.air.as_ref().is_none_or(|air| air.obstruction(way.segments()).is_none())
 }
 
 /// What the plain way of a vehicle breaks while the others fly theirs.
@@ -247,7 +257,8 @@ fn refusal(
     let vehicle = moves[index].vehicle;
     let concerns = |violation: &Violation| match violation {
         Violation::TooClose { first, second, .. } => [*first, *second].contains(&vehicle),
-        Violation::OutOfFence { vehicle: other, .. } => *other == vehicle,
+        Violation::OutOfFence { vehicle: other, .. }
+        | Violation::NotFree { vehicle: other, .. } => *other == vehicle,
         _ => true,
     };
     let rules = Rules { separation: *apart, ..rules.clone() };

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use nalgebra::Point3;
 
-use super::{Breach, Geofence, Separation, closest_approach};
+use volery_scene::Occupancy;
+
+use super::{Air, Breach, Geofence, Obstruction, Separation, closest_approach};
 use crate::VehicleId;
 use crate::motion::{MotionLimits, Segment, Trajectory};
 
@@ -21,6 +23,10 @@ pub struct Rules {
     pub separation: Separation,
     /// Where vehicles may be.
     pub geofence: Geofence,
+    /// Where there is room, as far as that is known.
+    pub air: Option<Air>,
+    /// Ways, from the start of the plan on, of vehicles in the air that do not belong to it.
+    pub others: BTreeMap<VehicleId, Trajectory>,
     /// Largest distance of a vehicle from the start of its way. Meters.
     pub start_tolerance: f64,
     /// Whether the map is in meters: one that is not can place a camera but not fly a vehicle.
@@ -102,6 +108,18 @@ pub enum Violation {
         /// Where first.
         place: Point3<f64>,
     },
+    /// A way leads where there is no room.
+    #[error("vehicle {} meets {} after {:.2} s at ({:.2}, {:.2}, {:.2})", .vehicle.0, met(.occupancy), .at.as_secs_f64(), .place.x, .place.y, .place.z)]
+    NotFree {
+        /// Whose way.
+        vehicle: VehicleId,
+        /// What is there.
+        occupancy: Occupancy,
+        /// When first.
+        at: Duration,
+        /// Where first.
+        place: Point3<f64>,
+    },
     /// Nobody knows where a vehicle is.
     #[error("the place of vehicle {} is unknown", .vehicle.0)]
     PlaceUnknown {
@@ -132,6 +150,7 @@ impl Violation {
             Self::TooFast { .. } => "too_fast",
             Self::TooClose { .. } => "too_close",
             Self::OutOfFence { .. } => "out_of_fence",
+            Self::NotFree { .. } => "not_free",
             Self::PlaceUnknown { .. } => "place_unknown",
             Self::NotAtStart { .. } => "not_at_start",
         }
@@ -161,16 +180,21 @@ impl FlightPlan {
             found.extend(check_way(vehicle, way, rules));
         }
         if !found.iter().any(|v| matches!(v, Violation::NotFinite { .. })) {
-            found.extend(self.close_pairs(&rules.separation));
+            found.extend(self.close_pairs(&rules.others, &rules.separation));
         }
         found
     }
 
-    /// Pairs that come nearer than allowed, each at its nearest.
-    pub fn close_pairs(&self, separation: &Separation) -> Vec<Violation> {
+    /// Pairs that come nearer than allowed, each at its nearest; those of the plan among each
+    /// other and with `others`.
+    pub fn close_pairs(
+        &self,
+        others: &BTreeMap<VehicleId, Trajectory>,
+        separation: &Separation,
+    ) -> Vec<Violation> {
         let mut found = Vec::new();
         for (index, (&first, a)) in self.ways.iter().enumerate() {
-            for (&second, b) in self.ways.iter().skip(index + 1) {
+            for (&second, b) in self.ways.iter().skip(index + 1).chain(others) {
                 let nearest = closest_approach(a, b, separation);
                 if nearest.distance < separation.distance * (1.0 - ROUNDING) {
                     found.push(Violation::TooClose {
@@ -249,7 +273,19 @@ fn check_way(vehicle: VehicleId, way: &Trajectory, rules: &Rules) -> Vec<Violati
     found.extend(leaves_fence(segments(), &rules.geofence).map(|(breach, at, place)| {
         Violation::OutOfFence { vehicle, breach, at: Duration::from_secs_f64(at), place }
     }));
+    let obstruction = rules.air.as_ref().and_then(|air| air.obstruction(segments()));
+    found.extend(obstruction.map(|Obstruction { occupancy, at, place }| {
+        let at = Duration::from_secs_f64(at);
+        Violation::NotFree { vehicle, occupancy, at, place }
+    }));
     found
+}
+
+fn met(occupancy: &Occupancy) -> &'static str {
+    match occupancy {
+        Occupancy::Occupied => "an obstacle",
+        _ => "space that nobody has seen",
+    }
 }
 
 /// First time at which a piece does not go on where the one before it ended.

@@ -162,6 +162,12 @@ impl Trajectory {
         pieces
     }
 
+    /// What is left of it after the time `t`, moving from its start on as it does then.
+    pub fn rest_after(&self, t: Duration) -> Self {
+        let (t, end) = (t.as_secs_f64(), self.seconds());
+        Self { segments: self.window(t, end), end: self.end }
+    }
+
     /// Where a vehicle shall be at the time `t` since the start.
     pub fn sample(&self, t: Duration) -> Setpoint {
         let t = t.as_secs_f64();

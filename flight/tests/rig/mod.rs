@@ -126,6 +126,7 @@ impl Rig {
                     captured: sample.captured,
                     position_sd: 0.02,
                     angle_sd: 0.01,
+                    resets: 0,
                 };
                 if !self.feeding {
                     continue;

@@ -22,6 +22,8 @@ pub const FALSE_POSE: (f64, f64) = (0.15, 0.1);
 /// Poses of one drone on their way to the fleet.
 pub struct Eyes {
     pub source: PoseSource,
+    /// From when on the source has given up where it was.
+    pub gives_up: Duration,
     truths: VecDeque<(Duration, Isometry3<f64>)>,
     /// Poses that the fleet sent on, and false ones among them.
     pub num_sent: u32,
@@ -37,6 +39,8 @@ pub struct Tower {
     pub up: Vec<Channel>,
     pub down: Vec<Channel>,
     pub now: Duration,
+    /// Killed: it hears and says nothing any more.
+    pub is_dead: bool,
     /// What the fleet said.
     pub happened: Vec<(Duration, u8, Happening)>,
     /// What really happened.
@@ -75,6 +79,7 @@ impl Tower {
             .iter()
             .map(|drone| Eyes {
                 source: PoseSource::new(poses.clone(), seed(drone, 0)),
+                gives_up: Duration::MAX,
                 truths: VecDeque::new(),
                 num_sent: 0,
                 num_false: 0,
@@ -92,6 +97,7 @@ impl Tower {
             up,
             down,
             now: Duration::ZERO,
+            is_dead: false,
             happened: Vec::new(),
             events: Vec::new(),
             num_delivered: 0,
@@ -112,11 +118,16 @@ impl Tower {
                 if index == 0 && self.overheard.len() < 100 {
                     self.overheard.push(datagram.clone());
                 }
-                self.fleet.receive(&datagram, address(id), now);
+                if !self.is_dead {
+                    self.fleet.receive(&datagram, address(id), now);
+                }
             }
-            self.look(index, id);
+            if !self.is_dead {
+                self.look(index, id);
+            }
         }
-        for datagram in self.fleet.poll(now) {
+        let sent = if self.is_dead { Vec::new() } else { self.fleet.poll(now) };
+        for datagram in sent {
             let index = self
                 .world
                 .drones
@@ -149,6 +160,7 @@ impl Tower {
                 captured: sample.captured,
                 position_sd: 0.02,
                 angle_sd: 0.01,
+                resets: u32::from(sample.captured >= eyes.gives_up),
             };
             match self.fleet.pose(VehicleId(id), fix, now) {
                 Ok(()) => {

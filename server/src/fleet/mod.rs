@@ -7,11 +7,14 @@
 mod journal;
 mod leases;
 mod news;
+mod orders;
+mod places;
 mod service;
 mod signing_time;
 mod wire;
 
 pub(crate) use leases::LeaseRefusal;
 pub(crate) use news::DroneNews;
-pub(crate) use service::{Drones, NotCommanded};
+pub(crate) use orders::NotCommanded;
+pub(crate) use service::Drones;
 pub(crate) use wire::{is_mount, key as parse_key};

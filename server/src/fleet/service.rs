@@ -13,29 +13,17 @@ use std::{
 };
 
 use tokio::sync::{broadcast, watch};
-use uuid::Uuid;
-use volery_api::{
-    AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose,
-    DroneState, Flight, Lease, PutDrone, TrackedFrame, VisionMessage,
-};
-use volery_flight::{
-    CommandRefusal, CommandState, Fleet, FleetOptions, Key, PoseRefusal, VehicleId,
-};
+use volery_api::{Drone, DroneCommandStatus, DroneEvent, DroneState, PutDrone, VisionMessage};
+use volery_flight::{Fleet, FleetOptions, Key, VehicleId};
 
 use super::{
     journal::Journal,
-    leases::{LeaseRefusal, Leases},
+    leases::Leases,
     news::{DroneNews, News},
-    signing_time::SigningTime,
+    signing_time::{KEEP_TIME, SigningTimes},
     wire,
 };
-use crate::{
-    auth::Caller,
-    clock,
-    config::MavlinkSettings,
-    flights::{FlightRefusal, Flights, Wish},
-    idempotency::Identity,
-};
+use crate::{clock, config::MavlinkSettings, flights::Flights};
 
 /// Bytes that may wait while the thread is not running: two seconds of fifty drones.
 const RECEIVE_BUFFER: usize = 8 << 20;
@@ -43,48 +31,35 @@ const RECEIVE_BUFFER: usize = 8 << 20;
 const MAX_DATAGRAM: usize = 2048;
 /// Longest wait for a datagram: sending is late by this at most.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(5);
-/// Between writes of the signing time.
-const KEEP_TIME: Duration = Duration::from_secs(10);
 
 /// Why the drones' link cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot open the drones' link at {0}: {1}")]
 pub(crate) struct DroneLinkError(pub(crate) SocketAddr, pub(crate) std::io::Error);
 
-/// Why a drone is not commanded.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum NotCommanded {
-    /// Its state forbids it.
-    #[error(transparent)]
-    Refused(#[from] CommandRefusal),
-    /// Somebody else commands it.
-    #[error(transparent)]
-    Leased(#[from] LeaseRefusal),
-}
-
 /// All drones of the service.
 #[derive(Debug)]
 pub(crate) struct Drones {
-    shared: Arc<Shared>,
+    pub(super) shared: Arc<Shared>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+pub(super) struct Shared {
     socket: UdpSocket,
     address: SocketAddr,
-    start: Instant,
+    pub(super) start: Instant,
     closing: AtomicBool,
     state: Mutex<State>,
 }
 
 #[derive(Debug)]
-struct State {
-    fleet: Fleet,
+pub(super) struct State {
+    pub(super) fleet: Fleet,
     journal: Journal,
-    registered: BTreeMap<u8, PutDrone>,
-    flights: Flights,
-    leases: Leases,
+    pub(super) registered: BTreeMap<u8, PutDrone>,
+    pub(super) flights: Flights,
+    pub(super) leases: Leases,
     news: News,
 }
 
@@ -100,11 +75,13 @@ impl Drones {
         socket.set_read_timeout(Some(RECEIVE_TIMEOUT)).map_err(failed)?;
         let address = socket.local_addr().map_err(failed)?;
         tracing::info!(%address, granted_bytes = granted, "drones are heard on udp {address}");
-        let time = SigningTime::new(data);
+        let times = SigningTimes::new(data);
+        let (signing_time_at_zero, stream_times) = times.start().map_err(failed)?;
         let fleet = Fleet::new(FleetOptions {
             accept_unsigned: settings.accept_unsigned,
             default_key: settings.key.map(Key),
-            signing_time_at_zero: time.start().map_err(failed)?,
+            signing_time_at_zero,
+            stream_times,
             max_pose_age: settings.max_pose_age,
         });
         let shared = Arc::new(Shared {
@@ -123,7 +100,7 @@ impl Drones {
         });
         let thread = std::thread::Builder::new().name("drones".to_owned()).spawn({
             let shared = Arc::clone(&shared);
-            move || shared.run(&time)
+            move || shared.run(&times)
         });
         Ok(Self { shared, thread: Mutex::new(Some(thread.map_err(failed)?)) })
     }
@@ -184,59 +161,16 @@ impl Drones {
         })
     }
 
-    /// What a drone says of itself.
-    pub(crate) fn state(&self, id: u8) -> Option<DroneState> {
-        self.shared.with(|state, now| {
-            let vehicle = state.fleet.vehicle(VehicleId(id))?;
-            Some(wire::drone_state(vehicle, now, clock::now_ns()))
-        })
-    }
-
-    /// Gives a command.
-    pub(crate) fn command(
-        &self,
-        caller: &Caller,
-        id: u8,
-        command: &DroneCommand,
-    ) -> Result<DroneCommandStatus, NotCommanded> {
-        self.shared.with(|state, now| {
-            state.leases.allow(caller.id, id, now)?;
-            let vehicle = VehicleId(id);
-            let here = state.fleet.vehicle(vehicle).and_then(|vehicle| vehicle.here());
-            let command = wire::command(command, here);
-            let command_id = state.fleet.command(vehicle, &command, now)?;
-            Ok(wire::command_status(command_id, vehicle, &CommandState::Accepted))
-        })
-    }
-
     /// How far a command is.
     pub(crate) fn command_status(&self, id: u64) -> Option<DroneCommandStatus> {
         self.shared.with(|state, _| state.journal.command(id))
     }
 
-    /// Sends a pose to a drone's estimator, if it can be true.
-    pub(crate) fn pose(&self, id: u8, pose: &DronePose) -> Result<(), PoseRefusal> {
+    /// What a drone says of itself.
+    pub(crate) fn state(&self, id: u8) -> Option<DroneState> {
         self.shared.with(|state, now| {
-            let fix = wire::pose_fix(pose, now).ok_or(PoseRefusal::NotFinite)?;
-            state.fleet.pose(VehicleId(id), fix, now)
-        })
-    }
-
-    /// Sends the pose that a frame of a drone's camera gave to its estimator, if it can be true. A
-    /// frame without a pose says nothing.
-    pub(crate) fn camera_pose(
-        &self,
-        id: u8,
-        captured: Instant,
-        frame: &TrackedFrame,
-    ) -> Result<(), PoseRefusal> {
-        let Some(pose) = &frame.pose else { return Ok(()) };
-        let captured = captured.saturating_duration_since(self.shared.start);
-        self.shared.with(|state, now| {
-            let mount = state.registered.get(&id).map(|drone| drone.body_from_camera);
-            let fix = wire::camera_fix(pose, frame.covariance.as_deref(), mount, captured)
-                .ok_or(PoseRefusal::NotFinite)?;
-            state.fleet.pose(VehicleId(id), fix, now)
+            let vehicle = state.fleet.vehicle(VehicleId(id))?;
+            Some(wire::drone_state(vehicle, now, clock::now_ns()))
         })
     }
 
@@ -248,53 +182,6 @@ impl Drones {
         self.shared.with(|state, now| change(&mut state.flights, &mut state.fleet, now))
     }
 
-    /// Starts, pauses, resumes or aborts a flight.
-    pub(crate) fn wish(
-        &self,
-        caller: &Caller,
-        id: Uuid,
-        wish: Wish,
-    ) -> Result<Flight, FlightRefusal> {
-        self.shared.with(|state, now| {
-            for drone in state.flights.drones(id) {
-                state.leases.allow(caller.id, drone.0, now)?;
-            }
-            state.flights.wish(id, wish, &mut state.fleet, now)
-        })
-    }
-
-    /// Takes a lease.
-    pub(crate) fn lease(
-        &self,
-        caller: &Caller,
-        identity: Identity,
-        request: &CreateLease,
-    ) -> Result<Lease, LeaseRefusal> {
-        self.shared
-            .with(|state, now| state.leases.take(caller, identity, request, &mut state.fleet, now))
-    }
-
-    /// Renews a lease.
-    pub(crate) fn renew_lease(&self, caller: &Caller, id: Uuid) -> Result<Lease, LeaseRefusal> {
-        self.shared.with(|state, now| {
-            state.leases.forget(now);
-            state.leases.renew(caller, id, &mut state.fleet, now)
-        })
-    }
-
-    /// Ends a lease.
-    pub(crate) fn release(&self, caller: &Caller, id: Uuid) -> Result<(), LeaseRefusal> {
-        self.shared.with(|state, now| {
-            state.leases.forget(now);
-            state.leases.release(caller, id, &mut state.fleet, now)
-        })
-    }
-
-    /// Leases that are not over.
-    pub(crate) fn leases(&self) -> Vec<Lease> {
-        self.shared.with(|state, now| state.leases.list(now))
-    }
-
     /// States of all drones, ten times a second.
     pub(crate) fn watch(&self) -> watch::Receiver<Arc<[DroneState]>> {
         self.shared.with(|state, _| state.news.watch())
@@ -303,17 +190,6 @@ impl Drones {
     /// Commands and alerts of all drones from now on.
     pub(crate) fn listen(&self) -> broadcast::Receiver<DroneNews> {
         self.shared.with(|state, _| state.news.listen())
-    }
-
-    /// Stops all.
-    pub(crate) fn all_stop(&self) -> AllStopped {
-        self.shared.with(|state, now| {
-            let stopped = state.fleet.all_stop(now);
-            // Nor does a flight steer them on.
-            state.flights.all_stop(clock::now_ns());
-            let status = |(id, command)| wire::command_status(command, id, &CommandState::Accepted);
-            AllStopped { commands: stopped.into_iter().map(status).collect() }
-        })
     }
 
     /// Events of a drone after the one numbered `after`, as far as they are kept.
@@ -343,7 +219,7 @@ impl Shared {
     }
 
     /// Changes or reads the fleet, and sends what follows from it before anybody else gets it.
-    fn with<T>(&self, change: impl FnOnce(&mut State, Duration) -> T) -> T {
+    pub(super) fn with<T>(&self, change: impl FnOnce(&mut State, Duration) -> T) -> T {
         let mut state = self.lock();
         let now = self.start.elapsed();
         let result = change(&mut state, now);
@@ -370,7 +246,7 @@ impl Shared {
     }
 
     /// Receives, and sends when it is time, until it is told to end.
-    fn run(&self, signing_time: &SigningTime) {
+    fn run(&self, signing_times: &SigningTimes) {
         let mut buffer = [0; MAX_DATAGRAM];
         let mut next_keep = Duration::ZERO;
         while !self.closing.load(Ordering::Relaxed) {
@@ -385,10 +261,10 @@ impl Shared {
             }
             if now >= next_keep {
                 next_keep = now + KEEP_TIME;
-                let time = state.fleet.signing_time(now);
+                let (own, streams) = (state.fleet.signing_time(now), state.fleet.stream_times());
                 drop(state);
-                if let Err(error) = signing_time.keep(time) {
-                    tracing::warn!(%error, "cannot keep the signing time");
+                if let Err(error) = signing_times.keep(own, &streams) {
+                    tracing::warn!(%error, "cannot keep the signing times");
                 }
             }
         }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volery_api::{
     CameraMount, CameraPose, DroneCommand, DroneCommandStatus, DroneLink, DronePlace, DronePose,
-    DroneState, DroneTarget,
+    DroneState, DroneTarget, FramePlace,
 };
 use volery_flight::{
     Alert, Command, CommandId, CommandState, Happening, Key, Landed, Mode, PoseFix, Setpoint,
@@ -52,6 +52,10 @@ pub(super) fn happening(happening: &Happening) -> (&'static str, String, Option<
                 Alert::Holds(_) => Some("holds".to_owned()),
                 Alert::Lands(_) => Some("lands".to_owned()),
                 Alert::PoseRefused(refusal) => Some(refusal.to_string()),
+                Alert::Relocated(distance) => Some(format!("by {distance:.2} m")),
+                Alert::SigningClock(behind) => {
+                    Some(format!("{:.0} s behind", behind.as_secs_f64()))
+                }
                 Alert::Impostor(from) => Some(from.to_string()),
                 _ => None,
             };
@@ -161,7 +165,9 @@ pub(super) fn pose_fix(pose: &DronePose, now: Duration) -> Option<PoseFix> {
     // A pose from before the start of the clock is too old by any measure.
     let captured = now.checked_sub(age).unwrap_or(Duration::ZERO);
     let (position_sd, angle_sd) = (pose.position_sd, pose.angle_sd);
-    Some(PoseFix::from_numbers(pose.position, pose.orientation, captured, position_sd, angle_sd))
+    let (position, orientation, resets) = (pose.position, pose.orientation, pose.reset_counter);
+    let numbers = PoseFix::from_numbers;
+    Some(numbers(position, orientation, captured, position_sd, angle_sd, resets))
 }
 
 /// The drone's pose by that of its camera; `None` without the covariance of both.
@@ -170,6 +176,7 @@ pub(super) fn camera_fix(
     covariance: Option<&[f64]>,
     body_from_camera: Option<CameraMount>,
     captured: Duration,
+    resets: u32,
 ) -> Option<PoseFix> {
     let covariance: &[f64; 36] = covariance?.try_into().ok()?;
     let greatest = |axes: std::ops::Range<usize>| {
@@ -179,7 +186,23 @@ pub(super) fn camera_fix(
     let mount = body_from_camera.unwrap_or_default();
     let map_from_body = isometry(map_from_camera.position, map_from_camera.orientation)
         * isometry(mount.position, mount.orientation).inverse();
-    Some(PoseFix { map_from_body, captured, position_sd, angle_sd })
+    Some(PoseFix { map_from_body, captured, position_sd, angle_sd, resets })
+}
+
+/// The place that a frame gave for a vehicle that believes to be `here`.
+pub(super) fn frame_place(
+    fix: &PoseFix,
+    here: Option<Setpoint>,
+    sent: Result<(), String>,
+) -> FramePlace {
+    let Isometry3 { rotation, translation } = fix.map_from_body;
+    FramePlace {
+        position: translation.vector.into(),
+        orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
+        correction_m: here.map(|here| (here.position.coords - translation.vector).norm()),
+        sent: sent.is_ok(),
+        reason: sent.err(),
+    }
 }
 
 fn isometry(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Isometry3<f64> {
@@ -207,13 +230,13 @@ mod tests {
         let mut covariance = [0.0; 36];
         covariance[0] = 4e-4;
         covariance[35] = 1e-4;
-        let fix = camera_fix(&camera, Some(&covariance), Some(mount), Duration::ZERO).unwrap();
+        let fix = camera_fix(&camera, Some(&covariance), Some(mount), Duration::ZERO, 0).unwrap();
         let place = fix.map_from_body.translation.vector;
         assert!((place - Point3::new(1.0, 1.9, 2.98).coords).norm() < 1e-12, "{place}");
         let ahead = fix.map_from_body.rotation * volery_geometry::Vector3::x();
         assert!((ahead - volery_geometry::Vector3::y()).norm() < 1e-12, "{ahead}");
         assert!((fix.position_sd - 0.02).abs() < 1e-12 && (fix.angle_sd - 0.01).abs() < 1e-12);
-        assert!(camera_fix(&camera, None, Some(mount), Duration::ZERO).is_none());
+        assert!(camera_fix(&camera, None, Some(mount), Duration::ZERO, 0).is_none());
         assert!(is_mount(&mount) && is_mount(&CameraMount::default()));
         assert!(!is_mount(&CameraMount { orientation: [1.0, 1.0, 0.0, 0.0], ..mount }));
     }

@@ -4,6 +4,7 @@
 //! service: when it ends, drones hold and land by their own failsafes.
 
 mod plan;
+mod target;
 mod wire;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -11,15 +12,17 @@ use std::time::Duration;
 
 use tokio::sync::broadcast;
 use uuid::Uuid;
-use volery_api::{Flight, FlightNews};
+use volery_api::{Flight, FlightNews, FramePlace};
 use volery_flight::{
-    Fleet, VehicleId,
-    group::{BeginRefused, Conductor, FlightEvent, FlightState, StartRefused},
+    Fleet, Vehicle, VehicleId,
+    group::{BeginRefused, Conductor, FlightEvent, FlightState, StartRefused, sight},
+    motion::{LegKind, MotionLimits, Trajectory, Waypoint},
 };
 
 use crate::fleet::LeaseRefusal;
 
-pub(crate) use plan::{Space, parse_fence, plan};
+pub(crate) use plan::{Space, Ways, parse_fence, plan};
+pub(crate) use target::{PlannedTarget, plan_target, under_way};
 
 /// Flights kept; the oldest that are over are forgotten.
 const MAX_FLIGHTS: usize = 200;
@@ -101,8 +104,6 @@ struct Entry {
     map: Uuid,
     conductor: Conductor,
     news: VecDeque<FlightNews>,
-    /// All was stopped: its drones hold, and nobody steers them.
-    stopped: bool,
 }
 
 impl Flights {
@@ -128,7 +129,7 @@ impl Flights {
             let oldest = self.flights.iter().find(|(_, entry)| waits(entry)).map(|(id, _)| *id);
             self.flights.remove(&oldest.ok_or(FlightRefusal::TooMany)?);
         }
-        self.flights.insert(id, Entry { map, conductor, news: VecDeque::new(), stopped: false });
+        self.flights.insert(id, Entry { map, conductor, news: VecDeque::new() });
         self.get(id).ok_or(FlightRefusal::Unknown)
     }
 
@@ -152,9 +153,6 @@ impl Flights {
     ) -> Result<Flight, FlightRefusal> {
         let busy = self.busy(id);
         let entry = self.flights.get_mut(&id).ok_or(FlightRefusal::Unknown)?;
-        if entry.stopped {
-            return Err(FlightRefusal::State(FlightState::Aborted));
-        }
         let coordinator = entry.conductor.coordinator_mut();
         let state = coordinator.state();
         let done = match wish {
@@ -182,15 +180,6 @@ impl Flights {
         entry.flat_map(|entry| entry.conductor.coordinator().plan().ways.keys().copied())
     }
 
-    /// Ends all flights where they are: their drones are left to the hold that they were told.
-    pub(crate) fn all_stop(&mut self, t_ns: u64) {
-        for (&id, entry) in self.flights.iter_mut().filter(|(_, entry)| entry.is_active()) {
-            entry.stopped = true;
-            let event = FlightEvent::State(FlightState::Aborted);
-            entry.note(id, wire::news(&event, t_ns), &self.news);
-        }
-    }
-
     /// Drones in the air with another flight than `id`.
     fn busy(&self, id: Uuid) -> BTreeMap<VehicleId, Uuid> {
         let others =
@@ -200,6 +189,84 @@ impl Flights {
             ways.map(|drone| (*drone, *other)).collect::<Vec<_>>()
         };
         others.flat_map(drones).collect()
+    }
+
+    /// What drones that fly without `own` are about to do: those of flights follow their ways,
+    /// others go to where they were told to be or stay.
+    pub(crate) fn others(&self, own: &[VehicleId], fleet: &Fleet) -> Ways {
+        let limits = MotionLimits::default();
+        let mut ways = Ways::new();
+        for (&vehicle, seen) in sight(fleet).iter().filter(|(_, seen)| seen.airborne) {
+            let here = Waypoint { position: seen.position, yaw: seen.yaw };
+            let mut way = Trajectory::standing(here);
+            if let Some(there) = fleet.vehicle(vehicle).and_then(Vehicle::setpoint) {
+                let there = Waypoint { position: there.position, yaw: there.yaw };
+                way.fly(LegKind::Straight, there, &limits);
+            }
+            ways.insert(vehicle, way);
+        }
+        for entry in self.flights.values().filter(|entry| entry.is_active()) {
+            let coordinator = entry.conductor.coordinator();
+            let out: Vec<VehicleId> = coordinator.taken_out().collect();
+            let rest = |(vehicle, way): (&VehicleId, &Trajectory)| {
+                let follows = !out.contains(vehicle);
+                follows.then(|| (*vehicle, way.rest_after(coordinator.clock())))
+            };
+            ways.extend(coordinator.plan().ways.iter().filter_map(rest));
+        }
+        ways.retain(|vehicle, _| !own.contains(vehicle));
+        ways
+    }
+
+    /// A frame of a drone's camera was placed: noted in the flight that it is in, or flew last.
+    pub(crate) fn note_frame(&mut self, drone: VehicleId, t_ns: u64, place: &FramePlace) {
+        let with_drone = |entry: &Entry| {
+            let coordinator = entry.conductor.coordinator();
+            let flew = coordinator.state() != FlightState::Ready;
+            flew && coordinator.plan().ways.contains_key(&drone)
+        };
+        // Ids rise with time.
+        let latest = self.flights.iter_mut().rev().find(|(_, entry)| with_drone(entry));
+        let Some((&id, entry)) = latest else { return };
+        let news = FlightNews {
+            t_ns,
+            kind: "frame".to_owned(),
+            drone: Some(drone.0),
+            value: place.correction_m.map(|correction| format!("{correction:.3} m")),
+        };
+        entry.note(id, news, &self.news);
+    }
+
+    /// Makes way for a command to a drone: a flight of its own ends, and from a group it can only
+    /// be taken down.
+    pub(crate) fn make_way(
+        &mut self,
+        drone: VehicleId,
+        down: bool,
+        t_ns: u64,
+    ) -> Result<(), FlightRefusal> {
+        for (&id, entry) in self.flights.iter_mut().filter(|(_, entry)| entry.is_active()) {
+            let coordinator = entry.conductor.coordinator();
+            let ways = &coordinator.plan().ways;
+            if !ways.contains_key(&drone) || coordinator.taken_out().any(|out| out == drone) {
+                continue;
+            }
+            if ways.len() == 1 {
+                entry.stop(id, t_ns, &self.news);
+            } else if down {
+                entry.conductor.take_out(drone);
+            } else {
+                return Err(FlightRefusal::Busy { drone, flight: id });
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends all flights where they are.
+    pub(crate) fn stop_all(&mut self, t_ns: u64) {
+        for (&id, entry) in self.flights.iter_mut().filter(|(_, entry)| entry.is_active()) {
+            entry.stop(id, t_ns, &self.news);
+        }
     }
 
     /// One step of every flight, before the fleet is polled.
@@ -225,19 +292,21 @@ impl Entry {
         self.news.push_back(news);
     }
 
-    fn state(&self) -> FlightState {
-        if self.stopped { FlightState::Aborted } else { self.conductor.coordinator().state() }
+    /// Ends it where its drones are: somebody else commands them.
+    fn stop(&mut self, id: Uuid, t_ns: u64, to: &broadcast::Sender<(Uuid, FlightNews)>) {
+        self.conductor.stop();
+        let stopped = FlightEvent::State(FlightState::Stopped);
+        self.note(id, wire::news(&stopped, t_ns), to);
     }
 
     /// Whether drones follow it.
     fn is_active(&self) -> bool {
         let coordinator = self.conductor.coordinator();
         match coordinator.state() {
-            _ if self.stopped => false,
             FlightState::Ready => self.conductor.is_begun(),
             FlightState::Running | FlightState::Paused => true,
             FlightState::Aborted => coordinator.is_landing(),
-            FlightState::Finished => false,
+            FlightState::Finished | FlightState::Stopped => false,
         }
     }
 }

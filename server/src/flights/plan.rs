@@ -1,17 +1,20 @@
 //! A request for a flight to its plan.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Point2, Point3};
 use uuid::Uuid;
-use volery_api::{CreateFlight, FenceBlock, FlightGoal, FlightStyle, Geofence as FenceOnWire};
+use volery_api::{CreateFlight, FenceBlock, FlightGoal, Geofence as FenceOnWire};
 use volery_flight::{
     Fleet, VehicleId,
     group::{
-        Conductor, Coordinator, Deconfliction, FlightOptions, Geofence, Prism, Rules, Separation,
-        Task, Violation, assign, deconflict, sight,
+        Air, Conductor, Coordinator, Deconfliction, FlightOptions, Geofence, Prism, Rules,
+        Separation, Task, Violation, assign, deconflict, sight,
     },
-    motion::{Goal, MotionLimits, PathStyle, ViewRange, Waypoint},
+    motion::{Goal, MotionLimits, Trajectory, ViewRange, Waypoint},
 };
 
+use super::target::style;
 use crate::error::{ApiError, ApiResult, Code};
 
 /// Distance of a vehicle from the start of its way. Meters.
@@ -21,12 +24,17 @@ const BOUNDS_MARGIN: f64 = 0.5;
 /// Violations told in one answer.
 const MAX_TOLD: usize = 5;
 
+/// Ways of vehicles.
+pub(crate) type Ways = BTreeMap<VehicleId, Trajectory>;
+
 /// What a flight flies in.
 #[derive(Debug)]
 pub(crate) struct Space {
     pub(crate) map: Uuid,
     pub(crate) fence: Geofence,
     pub(crate) metric: bool,
+    /// Where there is room; none if the map does not say.
+    pub(crate) air: Option<Air>,
 }
 
 impl Space {
@@ -50,7 +58,7 @@ impl Space {
             }
         };
         let metric = info["scale"]["metric"].as_bool().unwrap_or(false);
-        Ok(Self { map, fence, metric })
+        Ok(Self { map, fence, metric, air: None })
     }
 }
 
@@ -66,30 +74,44 @@ pub(crate) fn parse_fence(fence: &FenceOnWire) -> ApiResult<Geofence> {
         .map_err(|error| ApiError::new(Code::Unprocessable("bad_geofence"), error.to_string()))
 }
 
-/// Plans a flight and checks the plan.
-pub(crate) fn plan(request: &CreateFlight, space: Space, fleet: &Fleet) -> ApiResult<Conductor> {
+/// What plans in `space` must keep to; usual speeds and distances where none are given.
+pub(super) fn rules(
+    space: Space,
+    speed: Option<f64>,
+    separation_m: Option<f64>,
+    others: Ways,
+) -> ApiResult<Rules> {
     let mut limits = MotionLimits::default();
-    limits.speed = request.speed.unwrap_or(limits.speed);
+    limits.speed = speed.unwrap_or(limits.speed);
     let mut separation = Separation::default();
-    separation.distance = request.separation_m.unwrap_or(separation.distance);
-    let rules = Rules {
-        limits,
-        separation,
-        geofence: space.fence,
-        start_tolerance: START_TOLERANCE,
-        metric_map: space.metric,
-    };
-    if !space.metric {
-        return Err(refused(&[Violation::MapNotMetric]));
-    }
+    separation.distance = separation_m.unwrap_or(separation.distance);
     if !(limits.are_positive() && separation.is_valid()) {
         return Err(refused(&[Violation::BadRules]));
     }
+    Ok(Rules {
+        limits,
+        separation,
+        geofence: space.fence,
+        air: space.air,
+        others,
+        start_tolerance: START_TOLERANCE,
+        metric_map: space.metric,
+    })
+}
+
+/// Plans a flight and checks the plan. `others` are the ways of those who fly without it.
+pub(crate) fn plan(
+    request: &CreateFlight,
+    space: Space,
+    fleet: &Fleet,
+    others: Ways,
+) -> ApiResult<Conductor> {
+    let rules = rules(space, request.speed, request.separation_m, others)?;
+    if !rules.metric_map {
+        return Err(refused(&[Violation::MapNotMetric]));
+    }
     let mut how = Deconfliction {
-        style: match request.style {
-            FlightStyle::HorizontalVertical => PathStyle::HorizontalVertical,
-            FlightStyle::Straight => PathStyle::Straight,
-        },
+        style: style(request.style),
         views: request.views.then(ViewRange::default),
         ..Deconfliction::default()
     };
@@ -168,7 +190,7 @@ fn exchange_goals(tasks: &mut [Task]) -> ApiResult<()> {
 }
 
 /// Why a plan is not flown: the code of the first reason, all of them in words.
-fn refused(violations: &[Violation]) -> ApiError {
+pub(super) fn refused(violations: &[Violation]) -> ApiError {
     let code = match violations.first() {
         Some(Violation::MapNotMetric) => Code::Conflict("map_not_metric"),
         Some(first) => Code::Unprocessable(first.code()),

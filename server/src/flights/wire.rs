@@ -13,8 +13,8 @@ pub(super) fn flight(id: Uuid, entry: &Entry) -> Flight {
     Flight {
         id,
         map_id: entry.map,
-        state: entry.state().code().to_owned(),
-        taking_off: entry.conductor.is_beginning() && !entry.stopped,
+        state: coordinator.state().code().to_owned(),
+        taking_off: entry.conductor.is_beginning(),
         clock_s: coordinator.clock().as_secs_f64(),
         duration_s: plan.duration().as_secs_f64(),
         closest_m: plan.closest(&coordinator.options().rules.separation),
@@ -33,7 +33,7 @@ pub(super) fn flight(id: Uuid, entry: &Entry) -> Flight {
     }
 }
 
-fn legs(way: &Trajectory) -> Vec<FlightLeg> {
+pub(super) fn legs(way: &Trajectory) -> Vec<FlightLeg> {
     let leg = |(kind, start_s, end_s): (volery_flight::motion::LegKind, f64, f64)| {
         let end = way.sample(std::time::Duration::from_secs_f64(end_s));
         FlightLeg {

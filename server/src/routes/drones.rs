@@ -9,7 +9,7 @@ use volery_api::{
 };
 use volery_flight::CommandRefusal;
 
-use super::{jobs::at_most, leases, tokens::check_name};
+use super::{flights, jobs::at_most, leases, tokens::check_name};
 use crate::{
     answer::{Accepted, Deleted},
     auth::{Admin, Pilot, Stopper, Viewer},
@@ -26,7 +26,7 @@ pub(super) fn drones(app: &App) -> ApiResult<&Drones> {
     })
 }
 
-fn not_heard(id: u8) -> ApiError {
+pub(super) fn not_heard(id: u8) -> ApiError {
     ApiError::not_found("drone", id).hint("GET /v1/drones lists the drones that are heard")
 }
 
@@ -188,6 +188,7 @@ pub(crate) async fn all_stop(
 fn refused(id: u8, refusal: NotCommanded) -> ApiError {
     let refusal = match refusal {
         NotCommanded::Leased(refusal) => return leases::refused(refusal),
+        NotCommanded::Busy(refusal) => return flights::refused(refusal),
         NotCommanded::Refused(refusal) => refusal,
     };
     match refusal {

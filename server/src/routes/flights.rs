@@ -2,19 +2,30 @@
 
 use std::sync::Arc;
 
-use axum::{Json, extract::State};
+use axum::{
+    Json,
+    extract::State,
+    response::{IntoResponse, Response},
+};
 use uuid::Uuid;
-use volery_api::{CreateFlight, Flight, Geofence};
+use volery_api::{CreateFlight, CreateTarget, Flight, Geofence, MapVersion, Target};
+use volery_flight::{VehicleId, group::Air};
+use volery_formats::read_occupancy;
 
-use super::drones::drones;
+use super::drones::{drones, not_heard};
 use crate::{
     answer::{Accepted, Created},
     auth::{Caller, Pilot, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{At, Body},
-    flights::{FlightRefusal, Space, Wish, parse_fence, plan},
+    flights::{
+        FlightRefusal, PlannedTarget, Space, Wish, parse_fence, plan, plan_target, under_way,
+    },
     state::App,
 };
+
+/// Room that a drone needs to all sides, with what it strays. Meters.
+const DRONE_RADIUS: f64 = 0.3;
 
 /// Plans a flight and checks the plan as a whole: speeds, distances between drones, fence. A plan
 /// that breaks a rule is refused with the rule, the drones, the time and the place.
@@ -28,14 +39,66 @@ pub(crate) async fn create_flight(
     drones(&app)?;
     let version = app.store.version(request.map_id, None).await?;
     let fence = app.store.geofence(request.map_id).await?;
-    let space = Space::of(request.map_id, &version.info, fence.as_ref())?;
+    let mut space = Space::of(request.map_id, &version.info, fence.as_ref())?;
+    space.air = air(&app, &version, request.allow_unseen).await?;
+    let own: Vec<VehicleId> = request.drones.iter().map(|drone| VehicleId(drone.id)).collect();
     // Planning may take a second with many drones, and the drones' link must not wait for it.
-    let fleet = drones(&app)?.flights(|_, fleet, _| fleet.clone());
+    let (fleet, others) =
+        drones(&app)?.flights(|flights, fleet, _| (fleet.clone(), flights.others(&own, fleet)));
     let map = space.map;
-    let conductor = tokio::task::spawn_blocking(move || plan(&request, space, &fleet)).await??;
+    let planned = tokio::task::spawn_blocking(move || plan(&request, space, &fleet, others));
+    let conductor = planned.await??;
     let id = Uuid::now_v7();
     let flight = drones(&app)?.flights(|flights, _, _| flights.insert(id, map, conductor));
     Ok(Created(format!("/v1/flights/{id}"), flight.map_err(refused)?))
+}
+
+/// Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only tells
+/// them. A newer target takes the place of the one before.
+#[utoipa::path(post, path = "/v1/drones/{id}/target", tag = "drones", request_body = CreateTarget,
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "The way, not flown (`dry_run`)", body = Target),
+        (status = 202, description = "The way; its flight is at `Location`", body = Target)))]
+pub(crate) async fn fly_to_target(
+    State(app): State<Arc<App>>,
+    Pilot(caller): Pilot,
+    At(id): At<u8>,
+    Body(request): Body<CreateTarget>,
+) -> ApiResult<Response> {
+    let vehicle = VehicleId(id);
+    drones(&app)?.get(id).ok_or_else(|| not_heard(id))?;
+    let version = app.store.version(request.map_id, None).await?;
+    let fence = app.store.geofence(request.map_id).await?;
+    let mut space = Space::of(request.map_id, &version.info, fence.as_ref())?;
+    space.air = air(&app, &version, request.allow_unseen).await?;
+    let (fleet, others, now) = drones(&app)?
+        .flights(|flights, fleet, now| (fleet.clone(), flights.others(&[vehicle], fleet), now));
+    let (map, dry_run) = (space.map, request.dry_run);
+    let planned =
+        tokio::task::spawn_blocking(move || plan_target(id, &request, space, &fleet, others, now));
+    let PlannedTarget { target, flight } = planned.await??;
+    if dry_run {
+        return Ok(Json(target).into_response());
+    }
+    let flight = drones(&app)?.fly_to(&caller, id, map, flight?).map_err(refused)?;
+    tracing::info!(token = %caller.id, drone = id, flight = %flight.id, "drone {id} flies to a target");
+    let target = under_way(target, flight.id);
+    Ok(Accepted(format!("/v1/flights/{}", flight.id), target).into_response())
+}
+
+/// What a map says of room for drones.
+async fn air(app: &App, version: &MapVersion, unseen: bool) -> ApiResult<Option<Air>> {
+    let Some(file) = version.files.iter().find(|file| file.path == "freespace.bin") else {
+        return Ok(None);
+    };
+    let sha256 = file.sha256.clone();
+    let grid = app
+        .with_blobs(move |blobs| {
+            let bytes = std::fs::read(blobs.path(&sha256))?;
+            read_occupancy(&bytes).map_err(std::io::Error::other)
+        })
+        .await?;
+    Ok(Some(Air::new(Arc::new(grid), DRONE_RADIUS, unseen)))
 }
 
 /// All flights since the service started, the oldest first.
@@ -138,7 +201,7 @@ fn wish(app: &App, caller: &Caller, id: Uuid, wish: Wish) -> ApiResult<Accepted<
     Ok(Accepted(format!("/v1/flights/{id}"), flight))
 }
 
-fn refused(refusal: FlightRefusal) -> ApiError {
+pub(super) fn refused(refusal: FlightRefusal) -> ApiError {
     let code = match &refusal {
         FlightRefusal::Unknown => Code::NotFound,
         refusal => Code::Conflict(refusal.code()),

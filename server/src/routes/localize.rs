@@ -147,12 +147,12 @@ fn bad_ids(detail: &str) -> ApiError {
 }
 
 /// What came with a question.
-struct Sent {
-    query: Query,
-    map_ids: Option<String>,
+pub(super) struct Sent {
+    pub(super) query: Query,
+    pub(super) map_ids: Option<String>,
 }
 
-async fn read_query(app: &App, request: Request) -> ApiResult<Sent> {
+pub(super) async fn read_query(app: &App, request: Request) -> ApiResult<Sent> {
     check_length(request.headers(), app.config.limits.image_bytes)?;
     let query = match media_type(request.headers()).as_deref() {
         Some("multipart/form-data") => return read_parts(request).await,

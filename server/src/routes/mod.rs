@@ -6,6 +6,7 @@ pub(crate) mod drones;
 pub(crate) mod exports;
 mod files;
 pub(crate) mod flights;
+pub(crate) mod frames;
 pub(crate) mod images;
 pub(crate) mod imagesets;
 mod ingest;

@@ -3,6 +3,7 @@
 //!
 //! * A photo is `\xff\xd8\xff` and words: `truncated` and `die` and `hang` are obeyed.
 //! * A map of a photo named `elsewhere` knows no place, one of `inliers 7.jpg` gives so many.
+//! * A map knows its free space; once it is aligned only if that was by a distance of 7 m.
 //! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `endless`, `partial`,
 //!   `late death` (after the sparse map is whole).
 
@@ -15,8 +16,10 @@ use std::{
     time::Duration,
 };
 
+use nalgebra::Isometry3;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use serde_json::{Value, json};
+use volery_scene::{Occupancy, OccupancyGrid};
 
 fn main() {
     set_parent_process_death_signal(Some(Signal::KILL)).expect("linux");
@@ -107,7 +110,6 @@ fn write_map(folder: &Path, names: &[String], maps: &Value) {
         ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
         ("sparse.ply", "0123456789".to_owned()),
         ("dense.ply", "many points".to_owned()),
-        ("freespace.bin", "VOLOCC01".to_owned()),
         ("mesh.ply", "a surface".to_owned()),
         ("report.json", "{}".to_owned()),
         ("report.html", "<p>fine</p>".to_owned()),
@@ -117,6 +119,29 @@ fn write_map(folder: &Path, names: &[String], maps: &Value) {
     ] {
         fs::write(out.join(name), text).expect("room");
     }
+    fs::write(out.join("freespace.bin"), free_space()).expect("room");
+}
+
+/// A centimeter and half a degree.
+fn small_covariance() -> Vec<f64> {
+    (0..36).map(|i| if i % 7 == 0 { 1e-4 } else { 0.0 }).collect()
+}
+
+/// From -10 m to 30 m in x and y and from -2 m to 8 m in z: free air but for a pillar of half a
+/// meter at (5, 0), and nobody has looked beyond x = 12 m.
+fn free_space() -> Vec<u8> {
+    let corner = Isometry3::translation(-10.0, -10.0, -2.0);
+    let mut grid = OccupancyGrid::unseen(corner, 0.5, [80, 80, 20]).expect("a grid");
+    for index in 0..grid.states().len() {
+        let center = grid.center(index);
+        let is_pillar = (center.x - 5.25).abs() < 0.1 && (center.y - 0.25).abs() < 0.1;
+        grid.states_mut()[index] = match center.x {
+            _ if is_pillar => Occupancy::Occupied,
+            x if x > 12.0 => Occupancy::Unseen,
+            _ => Occupancy::Free,
+        };
+    }
+    volery_formats::write_occupancy(&grid)
 }
 
 fn read_part(input: &mut impl Read) -> Option<Vec<u8>> {
@@ -189,6 +214,7 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
             let num_inliers: u32 = support.map_or(50, |number| number.parse().expect("a number"));
             json!({"ok": true, "status": "ok", "num_inliers": num_inliers,
                 "pose": {"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]},
+                "covariance": small_covariance(), "method": "pnp",
                 "timings": {"features_ms": 1.0}})
         }
         Some("track") => {
@@ -199,8 +225,7 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
             json!({"ok": true, "state": "tracking", "source": "klt", "age_ms": 0.0,
                 "num_points": 0, "reset_counter": u32::from(told("reset")),
                 "pose": {"position": [1.0, 2.0, 0.5], "orientation": [0.5, -0.5, 0.5, -0.5]},
-                "covariance": (0..36).map(|i| if i % 7 == 0 { 1e-4 } else { 0.0 })
-                    .collect::<Vec<f64>>(),
+                "covariance": small_covariance(),
                 "latency": {"recv_ms": 0.0, "decode_ms": 1.0, "track_ms": 2.0, "features_ms": 0.0,
                     "match_ms": 0.0, "solve_ms": 0.0, "total_ms": 3.0}})
         }
@@ -215,6 +240,9 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
                 [("map.json", r#"{"scale":{"metric":true}}"#), ("localization.bin", "a.jpg")]
             {
                 fs::write(path("out_dir").join(name), text).expect("room");
+            }
+            if request["align"]["known_distance"]["meters"] == 7.0 {
+                fs::write(path("out_dir").join("freespace.bin"), free_space()).expect("room");
             }
             json!({"ok": true, "residuals": {"rms_m": 0.01}})
         }

@@ -71,7 +71,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("volery-synthetic", &["volery-geometry", "volery-scene", "nalgebra", "rayon"]),
-    ("volery-flight", &["volery-geometry", "nalgebra", "mavlink", "sha2", "thiserror"]),
+    ("volery-flight", &["volery-geometry", "volery-scene", "nalgebra", "mavlink", "sha2", "thiserror"]),
     ("volery-api", &["serde", "serde_json", "uuid", "utoipa"]),
     (
         "volery-pipeline",
@@ -102,6 +102,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "volery-server",
         &[
             "volery-geometry",
+            "volery-scene",
+            "volery-formats",
             "volery-flight",
             "volery-api",
             "axum",

@@ -324,6 +324,8 @@ class CreateFlight(Wire):
     """Largest level speed, meters per second; 1 when absent."""
     views: Optional[bool] = None
     """Whether drones stop at views on the way that their frames can be compared with."""
+    allow_unseen: Optional[bool] = None
+    """Whether ways may lead where no camera has looked."""
 
 
 @dataclass(frozen=True)
@@ -386,6 +388,31 @@ class CreateLease(Wire):
     """Which drones, by MAVLink system id."""
     ttl_ms: int
     """How long the promise lasts without being renewed, milliseconds."""
+
+
+@dataclass(frozen=True)
+class CreateTarget(Wire):
+    """A place for one drone to fly to from where it is."""
+
+    map_id: str
+    """The map whose frame the place is in; it must be metric."""
+    position: Sequence[float]
+    """In the map, meters."""
+    yaw: Optional[float] = None
+    """About the map's z axis, counter-clockwise from x, radians; along the way when absent."""
+    style: Optional[FlightStyle] = None
+    """How it is approached."""
+    views: Optional[bool] = None
+    """Whether the drone stops at views on the way that its frames can be compared with."""
+    speed: Optional[float] = None
+    """Largest level speed, meters per second; 1 when absent."""
+    separation_m: Optional[float] = None
+    """Smallest distance to other drones in the air, heights counted half, meters; 1 when absent.
+    """
+    allow_unseen: Optional[bool] = None
+    """Whether the way may lead where no camera has looked."""
+    dry_run: Optional[bool] = None
+    """Only plan and check."""
 
 
 @dataclass(frozen=True)
@@ -600,6 +627,10 @@ class DronePose(Posed):
     """Standard deviation of each coordinate, meters."""
     angle_sd: float
     """Standard deviation of each angle, radians."""
+    reset_counter: Optional[int] = None
+    """Counts places that the source has given up for others: in flight, a place elsewhere that is
+    not announced so is not believed.
+    """
 
 
 @dataclass(frozen=True)
@@ -685,7 +716,9 @@ class Flight(Wire):
     map_id: str
     """The map that it is in."""
     state: str
-    """`ready`, `running`, `paused`, `finished`, `aborted`."""
+    """`ready`, `running`, `paused`, `finished`, `aborted` (to land, or where it was by a command
+    or by all-stop).
+    """
     taking_off: bool
     """Whether drones are on their way up to the start."""
     clock_s: float
@@ -750,12 +783,13 @@ class FlightNews(Wire):
     """Nanoseconds since the Unix epoch."""
     kind: str
     """`state`, `leg`, `held`, `released`, `clock_held`, `clock_runs`, `taken_out`, `landed`,
-    `replanned`, `no_way`.
+    `replanned`, `no_way`, `frame` (one of the drone's frames was placed by its features).
     """
     drone: Optional[int] = None
     """Whom it concerns."""
     value: Optional[str] = None
-    """The new state, the kind of the leg, or the reason."""
+    """The new state, the kind of the leg, the reason, or how far a frame corrected the drone.
+    """
 
 
 FlightStyle = Literal["horizontal_vertical", "straight"]
@@ -774,6 +808,16 @@ class FlightWay(Wire):
     """Its legs in order."""
     taken_out: bool
     """Whether it is out of the flight and lands."""
+
+
+@dataclass(frozen=True)
+class FrameAnswer(Wire):
+    """What a frame of a drone's camera says."""
+
+    answer: LocalizeAnswer
+    """The pose of the camera, or why there is none."""
+    place: Optional[FramePlace] = None
+    """The place of the drone, if there is one."""
 
 
 @dataclass(frozen=True)
@@ -796,6 +840,22 @@ class FrameHeader(Wire):
     """What is known of the pose; not used by streams that track."""
     telemetry: Optional[FrameTelemetry] = None
     """What the drone reports of itself; used by streams that track."""
+
+
+@dataclass(frozen=True)
+class FramePlace(Posed):
+    """The place of a drone by a frame of its camera."""
+
+    position: Sequence[float]
+    """Of the drone in the map, meters."""
+    orientation: Sequence[float]
+    """`map_from_body`; w, x, y, z."""
+    sent: bool
+    """Whether it was sent to the drone."""
+    correction_m: Optional[float] = None
+    """How far the drone's estimator is from it, meters."""
+    reason: Optional[str] = None
+    """Why not."""
 
 
 @dataclass(frozen=True)
@@ -1934,6 +1994,42 @@ class StreamOpen(Wire):
     """Send the poses to the estimator of the drone, whose MAVLink system id `drone_id` then is.
     Needs `track`, a metric map and the role `pilot`.
     """
+
+
+@dataclass(frozen=True)
+class Target(Wire):
+    """The planned way of a drone to its target."""
+
+    drone: int
+    """MAVLink system id."""
+    start: FlightGoal
+    """Where it is."""
+    legs: Sequence[FlightLeg]
+    """Its legs in order."""
+    duration_s: float
+    """Time for it, seconds."""
+    checks: Sequence[TargetCheck]
+    """What it was checked against."""
+    turn: Optional[float] = None
+    """From its front to the direction of the target in the horizontal plane, counter-clockwise,
+    radians; absent when the target is straight above or below.
+    """
+    closest_m: Optional[float] = None
+    """Nearest approach to another drone in the air, heights counted half, meters."""
+    flight_id: Optional[str] = None
+    """The flight that it became, unless it was only planned."""
+
+
+@dataclass(frozen=True)
+class TargetCheck(Wire):
+    """One check of a way."""
+
+    rule: str
+    """`map_metric`, `geofence`, `free_space`, `separation`, `limits`, `drone`."""
+    state: str
+    """`passed`, `failed`, or `unknown` where the map does not tell."""
+    detail: Optional[str] = None
+    """What is wrong, where and when."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ fn rules(ceiling: f64) -> Rules {
         limits: MotionLimits::default(),
         separation: Separation::default(),
         geofence: Geofence::around(&low, &high, 0.5).unwrap(),
+        air: None,
+        others: Default::default(),
         start_tolerance: 0.3,
         metric_map: true,
     }

@@ -12,6 +12,8 @@ fn rules() -> Rules {
         limits: MotionLimits::default(),
         separation: Separation::default(),
         geofence: fence,
+        air: None,
+        others: Default::default(),
         start_tolerance: 0.3,
         metric_map: true,
     }

@@ -476,6 +476,14 @@ class AsyncApi:
         """
         return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/pose", json_of(DronePoseAnswer), body=body)
 
+    async def fly_to_target(self, drone_id: int, body: CreateTarget) -> Target:
+        """Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only
+        tells them. A newer target takes the place of the one before.
+
+        `POST /v1/drones/{id}/target`
+        """
+        return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/target", json_of(Target), body=body)
+
     async def all_stop(self) -> AllStopped:
         """Stops every drone: those in flight stay where they are, motors on the ground go off. It
         waits for nothing.
@@ -617,6 +625,20 @@ class AsyncApi:
         `POST /v1/maps/{id}/localize`
         """
         return await self._http.call("POST", f"/v1/maps/{quoted(map_id)}/localize", json_of(LocalizeAnswer), body=data, repeatable=True, query={"version": version, "method": method}, headers={"Content-Type": "application/octet-stream", "X-Camera": compact(camera), "X-Pose-Prior": compact(pose_prior)})
+
+    async def drone_frame(self, drone_id: int, data: bytes, *, map_id: Optional[str] = None, age_ms: Optional[float] = None, camera: Optional[Camera] = None, pose_prior: Optional[LocalizePrior] = None) -> FrameAnswer:
+        """Takes one frame of a drone's camera, as at the end of a way: its place is found by the
+        features of the frame alone, told to the drone's estimator if it is fresh and can be
+        true, and noted in the drone's flight.
+
+        * `map_id`: Where to look.
+        * `age_ms`: Since the frame was taken, milliseconds; 0 when absent.
+        * `camera`: `Camera` of the frame, as JSON
+        * `pose_prior`: `LocalizePrior` of the frame, as JSON
+
+        `POST /v1/drones/{id}/frames`
+        """
+        return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/frames", json_of(FrameAnswer), body=data, query={"map_id": map_id, "age_ms": age_ms}, headers={"Content-Type": "application/octet-stream", "X-Camera": compact(camera), "X-Pose-Prior": compact(pose_prior)})
 
     async def localize_in_maps(self, data: bytes, *, map_ids: Optional[str] = None, method: Optional[Literal["auto", "pnp", "template"]] = None, camera: Optional[Camera] = None, pose_prior: Optional[LocalizePrior] = None) -> LocalizeManyAnswer:
         """Finds the pose of a photo in one of several maps.

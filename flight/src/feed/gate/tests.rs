@@ -1,3 +1,4 @@
+use nalgebra::UnitQuaternion;
 use volery_geometry::Rng;
 
 use super::*;
@@ -15,6 +16,7 @@ fn fix(x: f64, captured: f64) -> PoseFix {
         captured: at(captured),
         position_sd: 0.02,
         angle_sd: 0.01,
+        resets: 0,
     }
 }
 
@@ -78,13 +80,14 @@ fn no_pose_passes_twice() {
     }
 }
 
-/// A flight at 1 m/s is no jump, and half a meter beside it is one, in every direction.
+/// A flight at 1 m/s is no jump, and 0.2 m beside it is one, in every direction, however often it
+/// comes again.
 #[test]
 fn a_jump_in_flight_never_passes() {
     let mut rng = Rng::new(5);
     for _ in 0..200 {
         let mut gate = gate_in_flight();
-        let step = rng.normal3().normalize() * rng.range(0.55, 20.0);
+        let step = rng.normal3().normalize() * 0.2 * 100f64.powf(rng.uniform());
         for frame in 1..100_u32 {
             let time = 10.0 + 0.05 * f64::from(frame);
             let mut wrong = fix(time - 9.0, time);
@@ -93,6 +96,44 @@ fn a_jump_in_flight_never_passes() {
             let refusal = gate.check(wrong, &telemetry, MAX_AGE, at(time));
             assert!(matches!(refusal, Err(PoseRefusal::Jump(_))), "{step:?} at {time}");
         }
+    }
+}
+
+/// What is nearer than the noise allows is not told from noise, and a place that is announced as
+/// new is believed when three poses agree, with another reset counter; not if it is far away.
+#[test]
+fn a_new_place_in_flight_must_be_announced() {
+    for (announced, step, passes) in
+        [(true, 0.3, true), (true, 0.65, true), (false, 0.3, false), (true, 0.9, false)]
+    {
+        let mut gate = gate_in_flight();
+        let mut passed = Vec::new();
+        for frame in 1..=20_u32 {
+            let time = 10.0 + 0.05 * f64::from(frame);
+            let mut elsewhere = fix(time - 9.0, time);
+            elsewhere.map_from_body.translation.vector.y += step;
+            elsewhere.resets = u32::from(announced);
+            let telemetry = flying(time - 9.0, 1.0, time);
+            passed.extend(gate.check(elsewhere, &telemetry, MAX_AGE, at(time)).ok());
+            assert_eq!(gate.is_relocating(at(time)), announced, "frame {frame}");
+            if !passed.is_empty() {
+                assert!(!gate.is_relocating(at(time + 1.0)));
+                break;
+            }
+        }
+        assert_eq!(passed, if passes { vec![1] } else { vec![] }, "{announced} {step}");
+    }
+}
+
+/// After a second without poses the estimator has strayed by some centimeters.
+#[test]
+fn after_an_outage_a_pose_nearby_passes() {
+    for (stray, passes) in [(0.08, true), (0.3, false)] {
+        let mut gate = gate_in_flight();
+        let mut late = fix(2.0, 11.0);
+        late.map_from_body.translation.vector.y += stray;
+        let checked = gate.check(late, &flying(2.0, 1.0, 11.0), MAX_AGE, at(11.0));
+        assert_eq!(checked.is_ok(), passes, "{stray}: {checked:?}");
     }
 }
 
