@@ -171,6 +171,17 @@ pub struct PutPriors {
     pub priors: BTreeMap<String, Prior>,
 }
 
+/// What became of the poses of a model.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ModelReport {
+    /// Number of images of the set that have the pose and the camera of the model now.
+    pub updated: u64,
+    /// Names in the model that no image of the set has.
+    pub unknown: Vec<String>,
+    /// Names of images of the set that the model does not have.
+    pub missing: Vec<String>,
+}
+
 /// What became of the priors.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct PriorsReport {

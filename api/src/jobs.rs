@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::{Camera, KnownDistance, OriginRule, Preset, Registration, StageGroup};
+use crate::{Camera, KnownDistance, OriginRule, PoseSource, Preset, Registration, StageGroup};
 
 /// What a job does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -79,6 +79,9 @@ pub struct CreateJob {
     /// Which point is the origin.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<OriginRule>,
+    /// Where the poses of the photos come from.
+    #[serde(default)]
+    pub poses: PoseSource,
     /// Photos are made smaller until no side is longer, pixels.
     #[schema(minimum = 64, maximum = 16384)]
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -113,7 +113,7 @@ pub struct PositionPrior {
 }
 
 /// What is known of an image before it is looked at.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
     /// From the flight controller.
@@ -125,15 +125,25 @@ pub struct Prior {
     /// From motion capture, RTK or a previous map.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<PositionPrior>,
+    /// The pose that another program found, in a frame that the priors of a set share. Only jobs
+    /// with `poses: given` or `given_metric` look at it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose: Option<CameraPose>,
+    /// Intrinsics of this image, where they differ from those of its set; kept fixed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
     /// Seconds since an arbitrary start; orders the images of a flight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
 }
 
+/// A quaternion may be written with few digits.
+const MAX_NORM_ERROR: f64 = 1e-3;
+
 impl Prior {
-    /// What is wrong with it, if anything: a number that is not finite or a sigma that is not
-    /// positive.
-    pub fn problem(&self) -> Option<&'static str> {
+    /// What is wrong with it, if anything: a number that is not finite, a sigma that is not
+    /// positive, a quaternion that is none, a camera that makes no sense.
+    pub fn problem(&self) -> Option<String> {
         let mut numbers = Vec::new();
         let mut sigmas = Vec::new();
         if let Some(attitude) = &self.attitude {
@@ -148,13 +158,22 @@ impl Prior {
             numbers.extend(position.position);
             sigmas.push(position.sigma);
         }
+        if let Some(pose) = &self.pose {
+            numbers.extend(pose.position.iter().chain(&pose.orientation));
+            let norm = pose.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if (norm - 1.0).abs() > MAX_NORM_ERROR {
+                return Some(format!(
+                    "orientation must be a unit quaternion, its length is {norm}"
+                ));
+            }
+        }
         numbers.extend(self.time_s);
         if numbers.iter().chain(&sigmas).any(|value| !value.is_finite()) {
-            Some("numbers must be finite")
+            Some("numbers must be finite".to_owned())
         } else if sigmas.iter().any(|sigma| *sigma <= 0.0) {
-            Some("sigmas must be positive")
+            Some("sigmas must be positive".to_owned())
         } else {
-            None
+            self.camera.as_ref().and_then(Camera::problem)
         }
     }
 }
@@ -182,6 +201,27 @@ pub enum OriginRule {
     MeanCameras,
     /// The frame of the position priors or control points is kept as it is.
     Given,
+}
+
+/// Where the poses of photos come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseSource {
+    /// From the photos.
+    #[default]
+    Estimated,
+    /// From the priors, in a frame of any scale and attitude: only points are computed, and gravity,
+    /// scale and origin found as for any map. Photos without a pose stay out.
+    Given,
+    /// The same, in meters with z up: the map keeps their frame.
+    GivenMetric,
+}
+
+impl PoseSource {
+    /// Whether the poses of priors are taken.
+    pub fn is_given(self) -> bool {
+        self != Self::Estimated
+    }
 }
 
 /// A surveyed point and where it is seen.

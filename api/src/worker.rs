@@ -18,14 +18,15 @@
 //!   with `ok: false` it is a [`WorkerFailure`]. A localizer keeps the indices of the map folders
 //!   it has been asked about in memory.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    AlignRequest, Camera, FrameTelemetry, JobKind, KnownDistance, Localization, LocalizeMethod,
-    LocalizePrior, OriginRule, Preset, Prior, Registration, RenderRequest, StageGroup,
+    AlignRequest, Camera, CameraPose, FrameTelemetry, JobKind, KnownDistance, Localization,
+    LocalizeMethod, LocalizePrior, OriginRule, PoseSource, Preset, Prior, Registration,
+    RenderRequest, StageGroup,
 };
 
 /// Name of the specification in a work folder.
@@ -39,6 +40,10 @@ pub const PARENT_VARIABLE: &str = "VOLERY_PARENT_PID";
 
 /// Longest header of a message, bytes.
 pub const MAX_WORKER_HEADER: usize = 16 << 20;
+
+/// Files that tell the poses of another program's model: COLMAP's, nerfstudio's.
+pub const MODEL_FILES: [&str; 5] =
+    ["cameras.bin", "images.bin", "cameras.txt", "images.txt", "transforms.json"];
 
 /// What a child does.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -71,6 +76,9 @@ pub struct JobSpec {
     /// camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<OriginRule>,
+    /// Where the poses of the photos come from.
+    #[serde(default)]
+    pub poses: PoseSource,
     /// Photos are made smaller until no side is longer, pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_image_size: Option<u32>,
@@ -164,6 +172,14 @@ pub struct JobResult {
 pub enum WorkerRequest {
     /// Payload: an image. Decode it whole; answer [`ImageCheck`].
     CheckImage {},
+    /// Payload: files of another program's model, one after the other. Answer [`ModelPoses`].
+    ReadModel {
+        /// Name and number of bytes of each: COLMAP's `cameras` and `images`, `.txt` or `.bin`, or a
+        /// `transforms.json`.
+        files: Vec<(String, u64)>,
+        /// Names of the photos that may be in it.
+        photos: BTreeSet<String>,
+    },
     /// Payload: an image. Answer: `{"ok":true}`, with a small PNG of it as payload.
     Thumbnail {
         /// Longest side, pixels.
@@ -289,6 +305,15 @@ pub struct ImageCheck {
     /// What is wrong without being fatal.
     #[serde(default)]
     pub warnings: Vec<String>,
+}
+
+/// Answer to [`WorkerRequest::ReadModel`], beside `ok: true`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelPoses {
+    /// By the name of the photo.
+    pub images: BTreeMap<String, (CameraPose, Camera)>,
+    /// Names in the model that are no photo's.
+    pub unknown: Vec<String>,
 }
 
 /// Answer to [`WorkerRequest::Render`], beside `ok: true`.

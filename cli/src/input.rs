@@ -2,13 +2,14 @@
 
 use std::{
     cmp::Ordering,
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
 
+use volery_api::worker::MODEL_FILES;
 use volery_formats::{TelemetrySigmas, read_camera_json, read_telemetry_csv};
-use volery_pipeline::{CameraSpec, PipelineError, error::code};
+use volery_pipeline::{CameraSpec, ForeignModel, PipelineError, error::code, read_foreign_model};
 use volery_scene::ImagePrior;
 
 /// A photo by the name it goes by.
@@ -109,6 +110,40 @@ pub(crate) fn telemetry(path: &Path) -> Result<BTreeMap<String, ImagePrior>, Pip
     let rows = read_telemetry_csv(&read(path)?, &TelemetrySigmas::default())
         .map_err(|e| unusable(path, &e))?;
     Ok(rows.into_iter().map(|row| (row.image, row.prior)).collect())
+}
+
+/// The model of another program, a folder or a file, for photos of these names.
+pub(crate) fn model(path: &Path, photos: BTreeSet<String>) -> Result<ForeignModel, PipelineError> {
+    let files = model_files(path);
+    let bytes = files.iter().map(|file| read(file)).collect::<Result<Vec<_>, _>>()?;
+    let named: Vec<(String, &[u8])> = files
+        .iter()
+        .zip(&bytes)
+        .map(|(file, bytes)| (file.display().to_string(), bytes.as_slice()))
+        .collect();
+    let model = read_foreign_model(&named, &photos)
+        .map_err(|e| PipelineError { detail: format!("{}: {}", path.display(), e.detail), ..e })?;
+    if model.images.is_empty() {
+        let first = model.unknown.first().map_or("nothing", String::as_str);
+        return Err(PipelineError::new(
+            code::BAD_INPUT,
+            format!(
+                "{}: no image of the model is one of the photos; it names {first}",
+                path.display()
+            ),
+            "give the photos that the model was made of, under the same names",
+        ));
+    }
+    Ok(model)
+}
+
+/// The file itself, or those of a folder that hold poses.
+fn model_files(path: &Path) -> Vec<PathBuf> {
+    if !path.is_dir() {
+        return vec![path.to_owned()];
+    }
+    let files = MODEL_FILES.iter().map(|name| path.join(name));
+    files.filter(|file| file.is_file()).collect()
 }
 
 /// The file is there but makes no sense.

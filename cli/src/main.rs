@@ -16,6 +16,7 @@ mod reconstruct;
 mod remote;
 mod serve;
 mod simulate;
+mod upload;
 mod wire;
 mod worker;
 
@@ -32,7 +33,7 @@ fn main() -> ExitCode {
         Command::Reconstruct(args) => reconstruct::run(&args, json),
         Command::Localize(args) => localize::run(&args, json),
         Command::Serve(args) => serve::run(&args),
-        Command::Upload(args) => remote::upload(&args, json),
+        Command::Upload(args) => upload::run(&args, json),
         Command::Jobs { server, command } => remote::jobs(&server, command.as_ref(), json),
         Command::Maps { server, command } => remote::maps(&server, command.as_ref(), json),
         Command::Export { server, map, name, version, out } => {

@@ -3,7 +3,9 @@
 use std::{collections::BTreeMap, fs};
 
 use volery_formats::read_positions_csv;
-use volery_pipeline::{ImageInput, JobSpec, PipelineError, Summary, error::code, reconstruct};
+use volery_pipeline::{
+    ForeignModel, ImageInput, JobSpec, PipelineError, Summary, error::code, reconstruct,
+};
 use volery_scene::{ImagePrior, Verdict};
 
 use crate::{
@@ -64,11 +66,17 @@ fn job_spec(args: &ReconstructArgs) -> Result<JobSpec, PipelineError> {
             "their column `image` must hold the file names of the photos",
         ));
     }
+    let mut model = match &args.given.model {
+        Some(path) => input::model(path, files.iter().map(|file| file.name.clone()).collect())?,
+        None => ForeignModel::default(),
+    };
     let mut images: Vec<ImageInput> = files
         .into_iter()
         .map(|file| {
-            let prior = priors.get(&file.name).copied().unwrap_or_default();
-            ImageInput { prior, ..ImageInput::new(file.name, file.path) }
+            let mut prior = priors.get(&file.name).copied().unwrap_or_default();
+            let (pose, camera) = model.images.remove(&file.name).unzip();
+            prior.pose = pose;
+            ImageInput { prior, camera, ..ImageInput::new(file.name, file.path) }
         })
         .collect();
     sort_by_time(&mut images);
@@ -79,6 +87,7 @@ fn job_spec(args: &ReconstructArgs) -> Result<JobSpec, PipelineError> {
         preset: args.preset.into(),
         seed: args.seed,
         origin: args.origin.map(Into::into),
+        poses: args.given.poses(),
         max_image_size: args.max_image_size,
         stages: args.stages.iter().map(|stage| (*stage).into()).collect(),
         ..JobSpec::new(images)

@@ -7,19 +7,19 @@ use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
     CreateJob, Job, JobEvent, JobKind, JobState, KnownDistance, LocalizePrior, PositionPrior,
-    RegisterMaps, UploadStatus, YawPrior,
+    RegisterMaps, YawPrior,
 };
-use volery_client::{Client, ClientError, LocalizeQuery, UploadFile};
+use volery_client::{Client, ClientError, LocalizeQuery};
 use volery_formats::NamedPose;
 use volery_pipeline::{NorthInMap, PipelineError};
 
 use crate::{
-    args::{JobsCommand, LocalizeArgs, MapsCommand, ServerArgs, UploadArgs},
+    args::{JobsCommand, LocalizeArgs, MapsCommand, ServerArgs},
     input,
     localize::{self, Answer, AnswerResult},
     output::{Ending, Outcome, print_json},
     serve::runtime,
-    wire::{wire_camera, wire_prior},
+    wire::wire_camera,
 };
 
 /// A failure of the SDK as one of the command line.
@@ -31,7 +31,10 @@ pub(crate) fn failed(error: ClientError) -> PipelineError {
     }
 }
 
-fn with_server(server: &ServerArgs, work: impl AsyncFnOnce(Client) -> Outcome) -> Outcome {
+pub(crate) fn with_server(
+    server: &ServerArgs,
+    work: impl AsyncFnOnce(Client) -> Outcome,
+) -> Outcome {
     let client = Client::new(&server.server, server.token.as_deref()).map_err(failed)?;
     runtime()?.block_on(work(client))
 }
@@ -39,86 +42,6 @@ fn with_server(server: &ServerArgs, work: impl AsyncFnOnce(Client) -> Outcome) -
 /// Prints a value of the API: JSON, or a line of text.
 fn show<T: Serialize>(value: &T, json: bool, line: impl FnOnce(&T) -> String) {
     if json { print_json(value) } else { println!("{}", line(value)) }
-}
-
-pub(crate) fn upload(args: &UploadArgs, json: bool) -> Outcome {
-    let is_archive = |path: &&std::path::PathBuf| path.extension().is_some_and(|e| e == "zip");
-    let archives: Vec<_> = args.photos.iter().filter(is_archive).cloned().collect();
-    let photos: Vec<_> = args.photos.iter().filter(|p| !is_archive(p)).cloned().collect();
-    let files: Vec<UploadFile> = input::photos(&photos)?
-        .into_iter()
-        .map(|file| UploadFile { name: file.name, path: file.path })
-        .collect();
-    let camera = args.camera.as_deref().map(input::camera).transpose()?;
-    let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
-    with_server(&args.server, async |client| {
-        let imageset = match args.imageset {
-            Some(id) => id,
-            None => {
-                let camera = match &camera {
-                    Some(camera) => Some(
-                        client
-                            .create_camera(&args.name, wire_camera(camera))
-                            .await
-                            .map_err(failed)?
-                            .id,
-                    ),
-                    None => None,
-                };
-                client.create_imageset(&args.name, camera).await.map_err(failed)?.id
-            }
-        };
-        let bar = bar("upload", files.len() as u64, "photos");
-        let mut results = client
-            .upload_files(imageset, &files, |done, _| bar.set_position(done as u64))
-            .await
-            .map_err(failed)?;
-        bar.finish_and_clear();
-        for archive in &archives {
-            let report = client.upload_archive(imageset, archive).await.map_err(failed)?;
-            results.extend(report.results);
-        }
-        if let Some(telemetry) = &telemetry {
-            let priors = telemetry.iter().map(|(name, p)| (name.clone(), wire_prior(p)));
-            client.put_priors(imageset, priors.collect()).await.map_err(failed)?;
-        }
-        let count = |status| results.iter().filter(|r| r.status == status).count();
-        let rejected = count(UploadStatus::Rejected);
-        let job = if args.reconstruct {
-            let request = CreateJob {
-                imageset_ids: vec![imageset],
-                map_name: Some(args.name.clone()),
-                ..CreateJob::default()
-            };
-            let job = client.create_job(&request).await.map_err(failed)?;
-            Some(watch(&client, job.id).await?)
-        } else {
-            None
-        };
-        if json {
-            let answer =
-                serde_json::json!({ "imageset_id": imageset, "results": results, "job": job });
-            print_json(&answer);
-        } else {
-            println!(
-                "image set {imageset}: {} stored, {} known already, {rejected} rejected",
-                count(UploadStatus::Stored),
-                count(UploadStatus::Duplicate)
-            );
-            for result in results.iter().filter(|r| r.status == UploadStatus::Rejected) {
-                let detail = result.detail.as_deref().unwrap_or_default();
-                println!("  {}: {detail}", result.name);
-            }
-            if let Some(job) = &job {
-                println!("{}", job_line(job));
-            }
-        }
-        match job {
-            Some(job) => ending_of(&job),
-            None if rejected > 0 => Ok(Ending::Partial),
-            None => Ok(Ending::Done),
-        }
-    })
 }
 
 pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: bool) -> Outcome {
@@ -355,7 +278,7 @@ fn show_event(bar: &ProgressBar, event: &JobEvent) {
     }
 }
 
-fn bar(prefix: &'static str, len: u64, unit: &'static str) -> ProgressBar {
+pub(crate) fn bar(prefix: &'static str, len: u64, unit: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template(
         "{prefix:10} {wide_bar} {pos}/{len} {msg} {elapsed} ETA {eta}",
     );
@@ -363,7 +286,7 @@ fn bar(prefix: &'static str, len: u64, unit: &'static str) -> ProgressBar {
     ProgressBar::new(len).with_prefix(prefix).with_message(unit).with_style(style)
 }
 
-fn job_line(job: &Job) -> String {
+pub(crate) fn job_line(job: &Job) -> String {
     let mut line = format!("job {} {}", job.id, job.state.name());
     if let Some(outputs) = &job.outputs {
         line += &format!(", map {} version {}", outputs.map_id, outputs.version);
@@ -378,7 +301,7 @@ fn job_line(job: &Job) -> String {
 }
 
 /// How a command ends that has waited for a job.
-fn ending_of(job: &Job) -> Outcome {
+pub(crate) fn ending_of(job: &Job) -> Outcome {
     match job.state {
         JobState::Succeeded => Ok(Ending::Done),
         JobState::Partial => Ok(Ending::Partial),

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use volery_api::{Camera, Prior};
+use volery_api::{Camera, CameraPose, Prior};
+use volery_geometry::Isometry3;
 use volery_pipeline::CameraSpec;
 use volery_scene::ImagePrior;
 
@@ -13,6 +14,11 @@ pub(crate) fn wire_camera(camera: &CameraSpec) -> Camera {
         height: camera.height,
         params: camera.params.clone(),
     }
+}
+
+fn wire_pose(world_from_cam: &Isometry3<f64>) -> CameraPose {
+    let (t, q) = (world_from_cam.translation.vector, world_from_cam.rotation);
+    CameraPose { position: t.into(), orientation: [q.w, q.i, q.j, q.k] }
 }
 
 /// The priors of the scene and of the API are the same on the wire.
@@ -30,6 +36,8 @@ pub(crate) fn wire_prior(prior: &ImagePrior) -> Prior {
             position: p.position.coords.into(),
             sigma: p.sigma,
         }),
+        pose: prior.pose.map(|cam_from_world| wire_pose(&cam_from_world.inverse())),
+        camera: None,
         time_s: prior.time_s,
     }
 }

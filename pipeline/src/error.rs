@@ -19,6 +19,10 @@ pub struct PipelineError {
 pub mod code {
     /// The list of images is empty.
     pub const NO_IMAGES: &str = "no_images";
+    /// Poses were to be given, but the images have none.
+    pub const NO_GIVEN_POSES: &str = "no_given_poses";
+    /// The model of another program cannot be read.
+    pub const BAD_MODEL: &str = "bad_model";
     /// Fewer than two images could be decoded.
     pub const TOO_FEW_IMAGES: &str = "too_few_images";
     /// No two images show the same.

@@ -80,7 +80,11 @@ impl StageOptions {
             pairs: PairOptions { num_retrieved, ..PairOptions::default() },
             matching: MatchOptions::default(),
             two_view: TwoViewOptions::default(),
-            mapper: MapperOptions { seed: spec.seed, ..MapperOptions::default() },
+            mapper: MapperOptions {
+                seed: spec.seed,
+                poses_are_given: spec.poses.is_given(),
+                ..MapperOptions::default()
+            },
             dense,
             mesh: MeshOptions { max_octree_depth, max_triangles, texture },
         }

@@ -18,7 +18,7 @@ use crate::{
     matching::{Matched, PairContext, choose_pairs, match_pairs},
     options::StageOptions,
     report,
-    spec::JobSpec,
+    spec::{JobSpec, PoseSource},
     summary::{StageReport, Summary, Warning},
     surface::{SurfaceTrace, add_surface},
 };
@@ -160,6 +160,7 @@ fn align_options(spec: &JobSpec) -> AlignOptions {
     AlignOptions {
         origin: spec.origin.unwrap_or(default),
         known_distances: spec.known_distances.clone(),
+        is_in_map_frame: spec.poses == PoseSource::GivenMetric,
     }
 }
 
@@ -169,6 +170,14 @@ fn check_spec(spec: &JobSpec) -> Result<(), PipelineError> {
             code::NO_IMAGES,
             "there are no images",
             "name a folder with JPEG or PNG photos",
+        ));
+    }
+    let num_posed = spec.images.iter().filter(|image| image.prior.pose.is_some()).count();
+    if spec.poses.is_given() && num_posed < 2 {
+        return Err(PipelineError::new(
+            code::NO_GIVEN_POSES,
+            format!("{num_posed} of {} images have a given pose", spec.images.len()),
+            "give the model that holds the poses of these photos, or let them be estimated",
         ));
     }
     for distance in &spec.known_distances {

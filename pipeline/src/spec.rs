@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-pub use volery_api::{Preset, StageGroup};
+pub use volery_api::{PoseSource, Preset, StageGroup};
 use volery_geometry::{Camera, CameraError, CameraModel};
 use volery_scene::{ImagePrior, KnownDistance, OriginRule};
 
@@ -83,6 +83,8 @@ pub struct JobSpec {
     /// Which point becomes the origin; `None` keeps the frame of position priors if there are
     /// any and else takes the last camera.
     pub origin: Option<OriginRule>,
+    /// Where the poses of the photos come from.
+    pub poses: PoseSource,
     /// Photos are made smaller until no side is longer, pixels; `None` leaves it to the preset.
     pub max_image_size: Option<u32>,
     /// How far to go: to the last one named, with all before it; where the preset ends when empty.
@@ -99,6 +101,7 @@ impl JobSpec {
             preset: Preset::default(),
             seed: 0,
             origin: None,
+            poses: PoseSource::default(),
             max_image_size: None,
             stages: Vec::new(),
         }

@@ -20,7 +20,7 @@ use crate::{
     pace::keep_pace,
     routes::{
         beacons, cameras, drones, exports, flights, frames, images, imagesets, jobs, leases,
-        localize, maps, page, priors, render, service, tokens, uploads,
+        localize, maps, model, page, priors, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -59,6 +59,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
             imagesets::delete_imageset
         ))
         .routes(routes!(priors::put_priors))
+        .routes(routes!(model::put_model))
         .routes(routes!(images::get_image, images::delete_image))
         .routes(routes!(images::image_bytes))
         .routes(routes!(jobs::create_job, jobs::list_jobs))

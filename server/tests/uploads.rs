@@ -228,6 +228,49 @@ async fn priors_come_as_json_and_as_telemetry() {
     }
 }
 
+/// Poses and cameras of a model join what is known of the photos, and reach the job.
+#[tokio::test]
+async fn a_model_of_another_program_gives_photos_their_poses() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let set = client.imageset(&["a.jpg", "b.jpg"]).await;
+    let priors = json!({"priors": {"a.jpg": {"height": {"height": 1.5, "sigma": 0.1}}}});
+    client.json("PUT", &format!("/v1/imagesets/{set}/priors"), &[], priors).await.expect(200);
+
+    let path = format!("/v1/imagesets/{set}/model");
+    let zip = [("Content-Type", "application/zip")];
+    let body = archive(|zip| {
+        let options = zip::write::SimpleFileOptions::default();
+        for (name, text) in [
+            ("sparse/0/cameras.txt", "1"),
+            ("sparse/0/images.txt", "a.jpg"),
+            ("notes.txt", "b.jpg"),
+        ] {
+            zip.start_file(name, options).unwrap();
+            zip.write_all(text.as_bytes()).unwrap();
+        }
+    });
+    let report = client.send("PUT", &path, &zip, &body).await.expect(200).json();
+    assert_eq!(report, json!({"updated": 1, "unknown": ["z.jpg"], "missing": ["b.jpg"]}));
+    let images = client.get(&format!("/v1/imagesets/{set}/images")).await.json();
+    let prior = &images["items"][0]["prior"];
+    assert_eq!(prior["height"]["height"], 1.5, "what was known stays");
+    assert_eq!(prior["pose"]["position"], json!([1.0, 2.0, 3.0]));
+    assert_eq!(prior["camera"]["model"], "PINHOLE");
+    assert!(images["items"][1]["prior"].is_null());
+
+    let json_type = [("Content-Type", "application/json")];
+    let report = client.send("PUT", &path, &json_type, b"b.jpg").await.expect(200).json();
+    assert_eq!(report["missing"], json!(["a.jpg"]));
+    for (kind, body, code) in
+        [(&zip, &b"PK no"[..], "not_an_archive"), (&json_type, b"senseless", "bad_model")]
+    {
+        assert_eq!(client.send("PUT", &path, kind, body).await.expect(422).code(), code);
+    }
+    let text = [("Content-Type", "text/plain")];
+    client.send("PUT", &path, &text, b"").await.expect(415);
+}
+
 #[tokio::test]
 async fn lists_come_in_pages_without_gaps_or_repeats() {
     let server = Server::start().await;

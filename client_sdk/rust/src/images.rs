@@ -9,8 +9,8 @@ use futures_util::{StreamExt, stream};
 use reqwest::{Method, header};
 use uuid::Uuid;
 use volery_api::{
-    CreateImageSet, Image, ImageSet, Prior, PriorsReport, PutPriors, UploadReport, UploadResult,
-    UploadStatus,
+    CreateImageSet, Image, ImageSet, ModelReport, Prior, PriorsReport, PutPriors, UploadReport,
+    UploadResult, UploadStatus,
 };
 
 use crate::{Client, ClientError};
@@ -174,6 +174,34 @@ impl Client {
         let path = format!("/v1/imagesets/{imageset}/priors");
         self.call(Method::PUT, &path, &PutPriors { priors }).await
     }
+
+    /// Sets the poses and cameras of images to those of another program's model: a zip archive with
+    /// COLMAP's `cameras` and `images`, or the text of a `transforms.json`.
+    pub async fn put_model(
+        &self,
+        imageset: Uuid,
+        model: ModelFile,
+    ) -> Result<ModelReport, ClientError> {
+        let (media_type, bytes) = match model {
+            ModelFile::ColmapZip(bytes) => ("application/zip", bytes),
+            ModelFile::TransformsJson(text) => ("application/json", text.into_bytes()),
+        };
+        let path = format!("/v1/imagesets/{imageset}/model");
+        let make = || {
+            let request = self.request(Method::PUT, &path);
+            request.header(header::CONTENT_TYPE, media_type).body(bytes.clone())
+        };
+        Ok(self.send(make).await?.json().await?)
+    }
+}
+
+/// A model of another program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ModelFile {
+    /// A zip archive with `cameras` and `images`, `.txt` or `.bin`.
+    ColmapZip(Vec<u8>),
+    /// nerfstudio's document.
+    TransformsJson(String),
 }
 
 /// Whether a refusal speaks of the photo rather than of the caller or the server.

@@ -26,7 +26,7 @@ mod socket;
 
 pub use client::Client;
 pub use error::ClientError;
-pub use images::UploadFile;
+pub use images::{ModelFile, UploadFile};
 pub use maps::LocalizeQuery;
 pub use socket::{LocalizationStream, StreamAnswer};
 pub use volery_api as api;

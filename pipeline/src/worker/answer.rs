@@ -1,11 +1,9 @@
 //! A localization as the API says it.
 
-use nalgebra::Isometry3;
-use volery_api::{
-    CameraPose, Localization, LocalizeStatus, LocalizeTimings, PhotoLight, RenderScore, Rival,
-};
+use volery_api::{Localization, LocalizeStatus, LocalizeTimings, PhotoLight, RenderScore, Rival};
 use volery_localization::{PoseEstimate, Status};
 
+use super::wire;
 use crate::map_folder::Located;
 
 /// The answer in the words of the API. `decode_ms` and `total_ms` are for the caller to add.
@@ -39,7 +37,7 @@ pub fn localization(located: &Located) -> Localization {
         Status::Ok(estimate) => {
             reply.status = LocalizeStatus::Ok;
             reply.reason = None;
-            reply.pose = Some(pose(&estimate.map_from_camera));
+            reply.pose = Some(wire::pose(&estimate.map_from_camera));
             reply.covariance = Some(estimate.covariance.transpose().iter().copied().collect());
             add_support(&mut reply, estimate);
         }
@@ -49,7 +47,7 @@ pub fn localization(located: &Located) -> Localization {
             reply.rivals = estimates
                 .iter()
                 .map(|e| Rival {
-                    pose: pose(&e.map_from_camera),
+                    pose: wire::pose(&e.map_from_camera),
                     num_inliers: e.num_inliers as u32,
                 })
                 .collect();
@@ -86,11 +84,6 @@ fn add_support(reply: &mut Localization, estimate: &PoseEstimate) {
     reply.num_inliers = estimate.num_inliers as u32;
     reply.inlier_ratio = finite(estimate.inlier_ratio);
     reply.reprojection_px = finite(estimate.reprojection_px);
-}
-
-fn pose(map_from_camera: &Isometry3<f64>) -> CameraPose {
-    let (t, q) = (map_from_camera.translation.vector, map_from_camera.rotation);
-    CameraPose { position: t.into(), orientation: [q.w, q.i, q.j, q.k] }
 }
 
 fn finite(value: f64) -> Option<f64> {

@@ -1,7 +1,7 @@
 //! `run-decoder` and `run-localizer`: requests on standard input, answers on standard output.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     io::{self, Read, Write},
     path::Path,
@@ -9,14 +9,13 @@ use std::{
     time::Instant,
 };
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use volery_api::{
     Localization, RenderRequest, RenderWhat,
     worker::{
-        ImageCheck, LocalizeTask, MAX_WORKER_HEADER, RenderReply, WorkerFailure, WorkerReply,
-        WorkerRequest,
+        ImageCheck, LocalizeTask, MAX_WORKER_HEADER, ModelPoses, RenderReply, WorkerFailure,
+        WorkerReply, WorkerRequest,
     },
 };
 use volery_formats::{
@@ -31,9 +30,11 @@ use super::{
     wire,
 };
 use crate::{
-    PipelineError,
+    ForeignModel, PipelineError,
     cache::write_atomic,
+    error::code,
     map_folder::{MapFolder, read_map},
+    read_foreign_model,
 };
 
 /// Longest payload of a message, bytes: the largest photo that the decoder takes, and raw pixels.
@@ -53,7 +54,10 @@ pub fn run_decoder() -> io::Result<()> {
             Ok(png) => Ok((reply(Ok(json!({})))?.0, png)),
             Err(failure) => reply::<Value>(Err(failure)),
         },
-        _ => reply::<Value>(Err(failure("bad_request", "a decoder only looks at images"))),
+        WorkerRequest::ReadModel { files, photos } => {
+            reply(read_model(&files, &photos, payload).map_err(of_pipeline))
+        }
+        _ => reply::<Value>(Err(failure("bad_request", "a decoder only looks at files"))),
     })
 }
 
@@ -61,7 +65,9 @@ pub fn run_decoder() -> io::Result<()> {
 pub fn run_localizer() -> io::Result<()> {
     let (mut maps, mut trackers) = (Maps::default(), Trackers::default());
     serve(&mut |request, payload| match request {
-        WorkerRequest::CheckImage {} | WorkerRequest::Thumbnail { .. } => {
+        WorkerRequest::CheckImage {}
+        | WorkerRequest::Thumbnail { .. }
+        | WorkerRequest::ReadModel { .. } => {
             reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
         }
         WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
@@ -247,16 +253,14 @@ fn draw(
         let detail = format!("{pixels} pixels are more than {MAX_RENDER_PIXELS}");
         return Err(failure("too_large", detail));
     }
-    let [w, i, j, k] = render.pose.orientation;
-    let rotation = Quaternion::new(w, i, j, k);
+    let norm = render.pose.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
     let is_finite = render.pose.position.iter().all(|v| v.is_finite());
     // False for NaN.
-    let is_unit = (rotation.norm() - 1.0).abs() < 1e-3;
+    let is_unit = (norm - 1.0).abs() < 1e-3;
     if !(is_finite && is_unit) {
         return Err(failure("bad_pose", "a pose is a finite position and a unit quaternion"));
     }
-    let rotation = UnitQuaternion::from_quaternion(rotation);
-    let map_from_camera = Isometry3::from_parts(render.pose.position.into(), rotation);
+    let map_from_camera = wire::world_from_camera(&render.pose);
     let surface = map.surface().map_err(of_pipeline)?;
     let drawn = surface.draw(&camera, &map_from_camera.inverse());
     let (width, height) = (drawn.width, drawn.height);
@@ -267,6 +271,29 @@ fn draw(
     };
     let picture = picture.map_err(|e| failure("io", e.to_string()))?;
     Ok((RenderReply { surface: surface.name().to_owned() }, picture))
+}
+
+/// The model in `payload`, whose `files` follow each other.
+fn read_model(
+    files: &[(String, u64)],
+    photos: &BTreeSet<String>,
+    payload: &[u8],
+) -> Result<ModelPoses, PipelineError> {
+    let mut rest = payload;
+    let mut named = Vec::with_capacity(files.len());
+    for (name, len) in files {
+        let len = usize::try_from(*len).unwrap_or(usize::MAX);
+        let (bytes, after) = rest.split_at_checked(len).ok_or_else(|| {
+            PipelineError::plain(code::BAD_MODEL, format!("{name} ends before its {len} bytes"))
+        })?;
+        named.push((name.clone(), bytes));
+        rest = after;
+    }
+    let ForeignModel { images, unknown } = read_foreign_model(&named, photos)?;
+    let images = images.into_iter().map(|(name, (cam_from_world, camera))| {
+        (name, (wire::pose(&cam_from_world.inverse()), wire::to_wire(camera)))
+    });
+    Ok(ModelPoses { images: images.collect(), unknown })
 }
 
 pub(super) fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {

@@ -8,7 +8,7 @@ use std::{
 
 use nalgebra::Vector3;
 use volery_api::{
-    CameraPose, FrameTelemetry, TrackLatency, TrackSource, TrackState, TrackedFrame,
+    FrameTelemetry, TrackLatency, TrackSource, TrackState, TrackedFrame,
     worker::{TrackTask, WorkerFailure},
 };
 use volery_tracking::{
@@ -18,6 +18,7 @@ use volery_tracking::{
 use super::{
     image_work::query_image,
     requests::{Maps, camera_of, failure, of_pipeline},
+    wire,
 };
 use crate::{map_folder::MapFolder, moved::MovedBy};
 
@@ -179,8 +180,7 @@ fn tracked_frame(answer: TrackAnswer, moved: Option<&MovedBy>) -> TrackedFrame {
         if let Some(moved) = moved {
             moved.move_pose(&mut pose.map_from_camera, &mut pose.covariance);
         }
-        let (t, q) = (pose.map_from_camera.translation.vector, pose.map_from_camera.rotation);
-        reply.pose = Some(CameraPose { position: t.into(), orientation: [q.w, q.i, q.j, q.k] });
+        reply.pose = Some(wire::pose(&pose.map_from_camera));
         reply.covariance = Some(pose.covariance.transpose().iter().copied().collect());
         reply.source = Some(match pose.source {
             PoseSource::Klt => TrackSource::Klt,

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use volery_api::{Camera, KnownDistance, OriginRule, Prior, worker};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
+use volery_api::{Camera, CameraPose, KnownDistance, OriginRule, Prior, worker};
 use volery_geometry::CameraModel;
 use volery_scene::{AttitudePrior, HeightPrior, ImagePrior, PositionPrior};
 
@@ -15,8 +16,8 @@ use crate::{
 pub(crate) fn job_spec(wire: worker::JobSpec, work_dir: &Path) -> Result<JobSpec, PipelineError> {
     let images = wire.images.into_iter().map(|image| {
         Ok(ImageInput {
-            camera: image.camera.map(camera).transpose()?,
             prior: prior(&image.prior),
+            camera: image.prior.camera.or(image.camera).map(camera).transpose()?,
             // An absolute path stays as it is.
             ..ImageInput::new(image.name, work_dir.join(image.path))
         })
@@ -28,6 +29,7 @@ pub(crate) fn job_spec(wire: worker::JobSpec, work_dir: &Path) -> Result<JobSpec
         preset: wire.preset,
         seed: wire.seed,
         origin: wire.origin.map(origin),
+        poses: wire.poses,
         max_image_size: wire.max_image_size,
         stages: wire.stages,
     })
@@ -40,6 +42,25 @@ pub(crate) fn camera(wire: Camera) -> Result<CameraSpec, PipelineError> {
         PipelineError::plain(code::BAD_INPUT, format!("unknown camera model {model:?}"))
     })?;
     Ok(CameraSpec { model, width, height, params })
+}
+
+/// A camera in the words of the service.
+pub(crate) fn to_wire(camera: CameraSpec) -> Camera {
+    let CameraSpec { model, width, height, params } = camera;
+    Camera { model: model.name().to_owned(), width, height, params }
+}
+
+/// The pose of a camera, where it sits and how it is turned.
+pub(crate) fn pose(world_from_camera: &Isometry3<f64>) -> CameraPose {
+    let (t, q) = (world_from_camera.translation.vector, world_from_camera.rotation);
+    CameraPose { position: t.into(), orientation: [q.w, q.i, q.j, q.k] }
+}
+
+/// The other way; the quaternion is made a unit one.
+pub(crate) fn world_from_camera(pose: &CameraPose) -> Isometry3<f64> {
+    let [w, i, j, k] = pose.orientation;
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+    Isometry3::from_parts(pose.position.into(), rotation)
 }
 
 fn prior(wire: &Prior) -> ImagePrior {
@@ -55,6 +76,7 @@ fn prior(wire: &Prior) -> ImagePrior {
         position: wire
             .position
             .map(|p| PositionPrior { position: p.position.into(), sigma: p.sigma }),
+        pose: wire.pose.as_ref().map(|pose| world_from_camera(pose).inverse()),
         time_s: wire.time_s,
     }
 }

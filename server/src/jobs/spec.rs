@@ -66,6 +66,7 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
         preset: request.preset,
         seed: request.seed,
         origin: request.origin,
+        poses: request.poses,
         max_image_size: request.max_image_size,
         stages: request.stages.clone(),
     })
@@ -88,7 +89,7 @@ async fn maps(app: &App, request: &CreateJob) -> ApiResult<Vec<JobMap>> {
 
 /// By time if every image has one, else by name, which they come in.
 fn in_capture_order(mut images: Vec<Image>) -> Vec<Image> {
-    let time = |image: &Image| image.prior.and_then(|prior| prior.time_s);
+    let time = |image: &Image| image.prior.as_ref().and_then(|prior| prior.time_s);
     if images.iter().all(|image| time(image).is_some()) {
         images.sort_by(|a, b| time(a).partial_cmp(&time(b)).unwrap_or(std::cmp::Ordering::Equal));
     } else if images.iter().all(|image| image.capture_time_ns.is_some()) {

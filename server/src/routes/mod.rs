@@ -14,6 +14,7 @@ pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod localize;
 pub(crate) mod maps;
+pub(crate) mod model;
 pub(crate) mod page;
 pub(crate) mod priors;
 pub(crate) mod render;

@@ -107,8 +107,8 @@ fn parse_telemetry(text: &str) -> Result<BTreeMap<String, Prior>, String> {
             attitude: attitude.transpose()?,
             height: number_in("height_m")?
                 .map(|height| HeightPrior { height, sigma: SIGMA_HEIGHT_M }),
-            position: None,
             time_s: number_in("time_s")?,
+            ..Prior::default()
         };
         priors.insert(cells[image].to_owned(), prior);
     }

@@ -172,7 +172,7 @@ pub(super) fn check_length(headers: &HeaderMap, limit: u64) -> ApiResult<()> {
 }
 
 /// What became of a body.
-enum Saved {
+pub(super) enum Saved {
     Whole(#[allow(dead_code, reason = "for logs")] u64),
     TooLong,
 }
@@ -203,7 +203,7 @@ impl Writer {
     }
 }
 
-async fn save(body: Body, path: &Path, limit: u64) -> ApiResult<Saved> {
+pub(super) async fn save(body: Body, path: &Path, limit: u64) -> ApiResult<Saved> {
     let mut writer = Writer::create(path, limit).await?;
     let mut chunks = body.into_data_stream();
     while let Some(chunk) = chunks.next().await {

@@ -197,6 +197,20 @@ fn reply(request: &Value, payload: &[u8]) -> Value {
         Some("check_image") => {
             json!({"ok": true, "width": 640, "height": 480, "format": "jpeg", "exif": {}})
         }
+        // The photos that the payload names have a pose, and one that is none.
+        Some("read_model") if told("senseless") => {
+            json!({"ok": false, "code": "bad_model", "detail": "Images file, line 1"})
+        }
+        Some("read_model") => {
+            let photos = request["photos"].as_array().expect("names").iter();
+            let photos = photos.filter_map(|name| name.as_str().filter(|name| told(name)));
+            let camera = json!({"model": "PINHOLE", "width": 640, "height": 480,
+                "params": [500.0, 500.0, 320.0, 240.0]});
+            let pose = json!({"position": [1.0, 2.0, 3.0], "orientation": [1.0, 0.0, 0.0, 0.0]});
+            let images: serde_json::Map<_, _> =
+                photos.map(|name| (name.to_owned(), json!([pose, camera]))).collect();
+            json!({"ok": true, "images": images, "unknown": ["z.jpg"]})
+        }
         Some("thumbnail") => {
             assert!(!told("fatal when small"), "as the photo wants");
             json!({"ok": true})

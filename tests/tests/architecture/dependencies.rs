@@ -71,7 +71,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     ("volery-synthetic", &["volery-geometry", "volery-scene", "nalgebra", "rayon"]),
-    ("volery-flight", &["volery-geometry", "volery-scene", "nalgebra", "mavlink", "sha2", "thiserror"]),
+    (
+        "volery-flight",
+        &["volery-geometry", "volery-scene", "nalgebra", "mavlink", "sha2", "thiserror"],
+    ),
     ("volery-api", &["serde", "serde_json", "uuid", "utoipa"]),
     (
         "volery-pipeline",

@@ -21,7 +21,7 @@ pub mod thumbnail;
 pub mod transforms_json;
 
 pub use camera_json::{CameraFileError, read_camera_json, write_camera_json};
-pub use colmap::{ColmapError, ColmapFiles};
+pub use colmap::{ColmapError, ColmapFiles, read_colmap_poses};
 pub use decode::{
     ColorImage, DecodeError, DecodeLimits, DecodedImage, ImageFormat, ImageHeader, Orientation,
     decode_image, sniff,
@@ -48,7 +48,7 @@ pub use resize::{downscale_to_max_side, downscaled_size};
 pub use table::TableError;
 pub use telemetry_csv::{TelemetryRow, TelemetrySigmas, read_telemetry_csv};
 pub use thumbnail::write_thumbnail;
-pub use transforms_json::write_transforms_json;
+pub use transforms_json::{TransformsError, read_transforms_json, write_transforms_json};
 
 mod bytes;
 mod table;

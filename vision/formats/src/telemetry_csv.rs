@@ -66,8 +66,8 @@ pub fn read_telemetry_csv(
             let prior = ImagePrior {
                 attitude,
                 height: height.map(|height| HeightPrior { height, sigma: sigmas.height }),
-                position: None,
                 time_s: row.optional(time_s)?,
+                ..ImagePrior::default()
             };
             Ok(TelemetryRow { image, prior })
         })

@@ -14,6 +14,8 @@ pub enum ScaleSource {
     Positions,
     /// Height priors.
     Heights,
+    /// Poses that were given in meters.
+    Poses,
     /// A measured distance.
     KnownDistance,
     /// Surveyed points.
@@ -27,7 +29,7 @@ pub struct Scale {
     pub metric: bool,
     /// What says so.
     pub source: ScaleSource,
-    /// Standard deviation relative to 1; `None` when not metric.
+    /// Standard deviation relative to 1; `None` when not metric, or not told with the source.
     pub sigma_rel: Option<f64>,
 }
 
@@ -41,6 +43,8 @@ pub enum GravitySource {
     Attitude,
     /// Position priors of a z-up frame.
     Positions,
+    /// Poses that were given in a z-up frame.
+    Poses,
     /// Surveyed points of a z-up frame.
     ControlPoints,
 }
@@ -50,7 +54,7 @@ pub enum GravitySource {
 pub struct Gravity {
     /// What says so.
     pub source: GravitySource,
-    /// Standard deviation, radians; `None` when it is a guess.
+    /// Standard deviation, radians; `None` when it is a guess, or not told with the source.
     pub sigma: Option<f64>,
 }
 
@@ -63,7 +67,7 @@ pub enum OriginRule {
     LastCamera,
     /// Mean of the camera positions.
     MeanCameras,
-    /// The frame of the position priors or control points is kept as it is.
+    /// The frame of the position priors, control points or given poses is kept as it is.
     Given,
 }
 

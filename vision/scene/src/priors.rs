@@ -1,6 +1,6 @@
 //! What is known of an image before it is looked at.
 
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use serde::{Deserialize, Serialize};
 
 /// Attitude of the camera as a drone reports it (camera along the nose).
@@ -45,6 +45,9 @@ pub struct ImagePrior {
     pub height: Option<HeightPrior>,
     /// From a motion-capture system, RTK or a previous map.
     pub position: Option<PositionPrior>,
+    /// The pose another program found: camera from world, camera axes x right, y down, z forward.
+    /// The world is any that all priors of a set share. Believed only where a job says so.
+    pub pose: Option<Isometry3<f64>>,
     /// Seconds since an arbitrary start; orders the images of a flight.
     pub time_s: Option<f64>,
 }

@@ -146,6 +146,8 @@ pub enum UnplacedReason {
     Ambiguous,
     /// It has a pose in a smaller, unconnected part.
     OtherZone,
+    /// The map is made at given poses, and it was given none.
+    NoGivenPose,
 }
 
 impl UnplacedReason {
@@ -159,6 +161,7 @@ impl UnplacedReason {
             Self::NoParallax => "no_parallax",
             Self::Ambiguous => "ambiguous",
             Self::OtherZone => "other_zone",
+            Self::NoGivenPose => "no_given_pose",
         }
     }
 }

@@ -28,6 +28,8 @@ pub struct AlignOptions {
     pub origin: OriginRule,
     /// Measured distances.
     pub known_distances: Vec<KnownDistance>,
+    /// The model stands in meters with z up already, by poses that were given so: it stays as it is.
+    pub is_in_map_frame: bool,
 }
 
 /// A scale that is known worse is no metric scale.
@@ -43,7 +45,9 @@ const MAX_DEVIATIONS: f64 = 3.0;
 /// or gravity the most precise wins; sources that contradict it by more than three standard
 /// deviations are named in the verdict, which is then no longer good. With
 /// [`OriginRule::Given`] the frame of the position priors is kept as it is; without positions
-/// that determine it the origin is the last camera, and the map says so.
+/// that determine it the origin is the last camera, and the map says so. A model that
+/// [is in the map frame](AlignOptions::is_in_map_frame) stays there whatever the origin; sources
+/// that contradict it are named all the same.
 pub fn environment_map(
     reconstruction: Reconstruction,
     priors: &[ImagePrior],
@@ -56,7 +60,8 @@ pub fn environment_map(
 
     let fit = positions::fit_positions(&model, priors);
     let mut contradictions = Vec::new();
-    let (up, gravity) = choose_gravity(&model, priors, fit.as_ref(), &mut contradictions);
+    let in_place = options.is_in_map_frame;
+    let (up, gravity) = choose_gravity(&model, priors, fit.as_ref(), in_place, &mut contradictions);
     let heights = fit_heights(&model, priors, &up, gravity.sigma.unwrap_or(GUESSED_UP_SIGMA));
     let (up, gravity) = match &heights {
         Some(heights) if gravity.sigma.is_some_and(|sigma| heights.tilt_sigma < sigma) => {
@@ -64,11 +69,15 @@ pub fn environment_map(
         }
         _ => (up, gravity),
     };
-    let sources = scale::scales(&model, heights.as_ref(), fit.as_ref(), &options.known_distances);
+    let mut sources =
+        scale::scales(&model, heights.as_ref(), fit.as_ref(), &options.known_distances);
+    if in_place {
+        sources.push(ScaleEstimate { factor: 1.0, sigma_rel: 0.0, source: ScaleSource::Poses });
+    }
     let (factor, scale) = choose_scale(sources, &mut contradictions);
 
     let given = match (options.origin, &fit) {
-        (OriginRule::Given, Some(fit)) => fit.map_from_model,
+        (OriginRule::Given, Some(fit)) if !in_place => fit.map_from_model,
         _ => None,
     };
     let (map_from_model, scale, gravity, origin) = match (given, &fit) {
@@ -82,6 +91,7 @@ pub fn environment_map(
             Gravity { source: GravitySource::Positions, sigma: fit.tilt_sigma },
             OriginRule::Given,
         ),
+        _ if in_place => (Similarity3::identity(), scale, gravity, OriginRule::Given),
         _ => {
             let origin = match options.origin {
                 OriginRule::Given => OriginRule::LastCamera,
@@ -103,9 +113,14 @@ fn choose_gravity(
     model: &SparseModel,
     priors: &[ImagePrior],
     fit: Option<&PositionFit>,
+    in_place: bool,
     contradictions: &mut Vec<QualityReason>,
 ) -> (Unit<Vector3<f64>>, Gravity) {
     let mut sources: Vec<GravityEstimate> = Vec::new();
+    if in_place {
+        let up = Vector3::z_axis();
+        sources.push(GravityEstimate { up, sigma: 0.0, source: GravitySource::Poses });
+    }
     sources.extend(gravity::from_attitudes(model, priors));
     if let Some(fit) = fit
         && let (Some(map_from_model), Some(sigma)) = (fit.map_from_model, fit.tilt_sigma)
@@ -124,15 +139,20 @@ fn choose_gravity(
             contradictions.push(QualityReason {
                 code: "contradicting_gravity".to_owned(),
                 detail: format!(
-                    "attitudes and positions disagree about up by {:.1} degrees; the map follows \
-                     the {}",
-                    angle.to_degrees(),
-                    if best.source == GravitySource::Attitude { "attitudes" } else { "positions" }
+                    "{} and {} disagree about up by {:.1} degrees; the map follows the first",
+                    name_of_gravity(best.source),
+                    name_of_gravity(other.source),
+                    angle.to_degrees()
                 ),
             });
         }
     }
-    (best.up, Gravity { source: best.source, sigma: Some(best.sigma) })
+    (best.up, Gravity { source: best.source, sigma: told(best.sigma) })
+}
+
+/// A standard deviation, if the source tells one.
+fn told(sigma: f64) -> Option<f64> {
+    (sigma > 0.0).then_some(sigma)
 }
 
 /// Meters per model unit (1 when unknown) with its proof.
@@ -152,21 +172,32 @@ fn choose_scale(
                 code: "contradicting_scale".to_owned(),
                 detail: format!(
                     "{} say {:.1} % more or less than {}, which the map follows",
-                    name(other.source),
+                    name_of_scale(other.source),
                     100.0 * (difference.exp() - 1.0),
-                    name(best.source)
+                    name_of_scale(best.source)
                 ),
             });
         }
     }
-    let scale = Scale { metric: true, source: best.source, sigma_rel: Some(best.sigma_rel) };
+    let scale = Scale { metric: true, source: best.source, sigma_rel: told(best.sigma_rel) };
     (best.factor, scale)
 }
 
-fn name(source: ScaleSource) -> &'static str {
+fn name_of_gravity(source: GravitySource) -> &'static str {
+    match source {
+        GravitySource::CameraUp => "the cameras",
+        GravitySource::Attitude => "the attitudes",
+        GravitySource::Positions => "the positions",
+        GravitySource::Poses => "the given poses",
+        GravitySource::ControlPoints => "the control points",
+    }
+}
+
+fn name_of_scale(source: ScaleSource) -> &'static str {
     match source {
         ScaleSource::Unknown => "nothing",
         ScaleSource::Positions => "the positions",
+        ScaleSource::Poses => "the given poses",
         ScaleSource::Heights => "the heights",
         ScaleSource::KnownDistance => "the known distances",
         ScaleSource::ControlPoints => "the control points",

@@ -3,6 +3,7 @@
 pub mod align;
 pub mod global;
 pub mod incremental;
+mod input;
 mod keypoint_grid;
 pub mod pairs;
 pub mod quality;
@@ -15,7 +16,6 @@ mod view_graph;
 pub use align::{AlignOptions, environment_map};
 pub use global::map_globally;
 pub use incremental::map_incrementally;
+pub use input::{MapperOptions, SfmCamera, SfmImage};
 pub use pairs::{PairOptions, select_pairs};
-pub use reconstruct::{
-    MapperOptions, ReconstructError, Reconstruction, SfmCamera, SfmImage, reconstruct,
-};
+pub use reconstruct::{ReconstructError, Reconstruction, reconstruct};

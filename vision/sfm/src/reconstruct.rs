@@ -1,96 +1,18 @@
 //! Verified pairs to sparse models: the incremental and the global mapper, validated, the better
 //! one kept.
 
-use std::sync::Arc;
-
-use nalgebra::Point2;
 use volery_estimation::IntrinsicsRefinement;
-use volery_geometry::Camera;
 use volery_scene::{
-    CameraId, Cancelled, Features, ImageId, ImagePrior, Progress, Quality, SparseModel,
-    TwoViewGeometry, TwoViewKind, UnplacedImage, UnplacedReason, Verdict,
+    Cancelled, ImageId, Progress, Quality, SparseModel, TwoViewGeometry, TwoViewKind,
+    UnplacedImage, UnplacedReason, Verdict,
 };
 
 use crate::global::map_globally;
-use crate::incremental::{Input, extend_model, map_incrementally};
+use crate::incremental::{Input, extend_model, map_incrementally, triangulate_at_given_poses};
+use crate::input::{MapperOptions, SfmCamera, SfmImage};
 use crate::quality::calibration::{calibration_shift, focal_sigma};
 use crate::quality::{Evidence, FEW_POINTS, no_map};
 use crate::self_calibration::start_cameras;
-
-/// A camera as it is known before mapping.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SfmCamera {
-    /// First intrinsics.
-    pub camera: Camera,
-    /// Which of them may move.
-    pub refine: IntrinsicsRefinement,
-    /// Whether the focal length is a guess (no EXIF, no calibration).
-    pub focal_is_guess: bool,
-}
-
-impl SfmCamera {
-    /// A camera with a calibration that is held.
-    pub fn calibrated(camera: Camera) -> Self {
-        Self { camera, refine: IntrinsicsRefinement::FIXED, focal_is_guess: false }
-    }
-}
-
-/// An image as the mapper sees it. Position in the slice = order of capture.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SfmImage {
-    /// Id; equals its index in the slice.
-    pub id: ImageId,
-    /// File name.
-    pub name: String,
-    /// Its camera, an index into the cameras.
-    pub camera: CameraId,
-    /// Keypoints, pixels, as detected; `TwoViewGeometry` matches index into them.
-    pub keypoints: Vec<Point2<f64>>,
-    /// sRGB at the keypoints; as many.
-    pub colors: Vec<[u8; 3]>,
-    /// Scales and descriptors of the keypoints; empty if they are not at hand.
-    pub features: Arc<Features>,
-    /// What else is known.
-    pub prior: ImagePrior,
-}
-
-impl SfmImage {
-    /// The image at `index`, of the first camera, gray, named by its index, with nothing else known.
-    pub fn from_keypoints(index: usize, keypoints: Vec<Point2<f64>>) -> Self {
-        Self {
-            id: ImageId(index as u32),
-            name: format!("{index:04}"),
-            camera: CameraId(0),
-            colors: vec![[128; 3]; keypoints.len()],
-            keypoints,
-            features: Arc::default(),
-            prior: ImagePrior::default(),
-        }
-    }
-
-    /// The same with the scales and descriptors of its keypoints.
-    pub fn from_features(index: usize, features: Arc<Features>) -> Self {
-        let keypoints = features.keypoints.iter().map(|k| k.pixel()).collect();
-        Self { features, ..Self::from_keypoints(index, keypoints) }
-    }
-}
-
-/// Options of [`reconstruct`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapperOptions {
-    /// Seed of all random choices.
-    pub seed: u64,
-    /// Least triangulation angle of a point, radians.
-    pub min_angle: f64,
-    /// Greatest reprojection error of an observation, pixels.
-    pub max_error_px: f64,
-}
-
-impl Default for MapperOptions {
-    fn default() -> Self {
-        Self { seed: 0, min_angle: 1.5_f64.to_radians(), max_error_px: 4.0 }
-    }
-}
 
 /// What came of the pairs. Models are in arbitrary frames (no scale, no gravity).
 #[derive(Debug, Clone, PartialEq)]
@@ -101,7 +23,7 @@ pub struct Reconstruction {
     pub unplaced: Vec<UnplacedImage>,
     /// Verdict over `models[0]`.
     pub quality: Quality,
-    /// `incremental` or `global`: whose model was kept.
+    /// `incremental`, `global` or `given`: whose model was kept.
     pub mapper: &'static str,
 }
 
@@ -165,31 +87,40 @@ pub fn reconstruct(
     }
     let pairs = &sound_pairs(images, pairs);
     let input = Input { images, cameras, pairs, options };
-    let order = if is_yaw_scan(images.len(), pairs) {
-        [Mapper::Global, Mapper::Incremental]
+    let mut kept = if options.poses_are_given {
+        attempt(Mapper::Given, input, progress)?
     } else {
-        [Mapper::Incremental, Mapper::Global]
-    };
-    let first = attempt(order[0], input, progress)?;
-    let satisfied = first.num_images() as f64 >= ENOUGH_IMAGES * images.len() as f64
-        && first.quality.verdict == Verdict::Good;
-    let mut kept = if satisfied {
-        first
-    } else {
-        let second = attempt(order[1], input, progress)?;
-        if second.is_better_than(&first) { second } else { first }
+        better_attempt(input, progress)?
     };
     if kept.has_few_points() && mostly_turned(pairs) {
         // What can be made of a camera that only turned is noise and no map.
         kept.models.clear();
     }
-    let unplaced = unplaced_images(images, pairs, &kept.models);
+    let unplaced = unplaced_images(input, &kept.models);
     Ok(Reconstruction {
         quality: if kept.models.is_empty() { no_map(&unplaced) } else { kept.quality },
         models: kept.models,
         unplaced,
         mapper: kept.mapper.name(),
     })
+}
+
+/// What the mapper makes that suits the pairs; if that is in doubt, the better of both mappers'.
+fn better_attempt(input: Input<'_>, progress: &dyn Progress) -> Result<Attempt, ReconstructError> {
+    let num_images = input.images.len();
+    let order = if is_yaw_scan(num_images, input.pairs) {
+        [Mapper::Global, Mapper::Incremental]
+    } else {
+        [Mapper::Incremental, Mapper::Global]
+    };
+    let first = attempt(order[0], input, progress)?;
+    let satisfied = first.num_images() as f64 >= ENOUGH_IMAGES * num_images as f64
+        && first.quality.verdict == Verdict::Good;
+    if satisfied {
+        return Ok(first);
+    }
+    let second = attempt(order[1], input, progress)?;
+    Ok(if second.is_better_than(&first) { second } else { first })
 }
 
 /// The pairs without matches that point past the keypoints or at keypoints that are not finite.
@@ -217,6 +148,8 @@ fn sound_pairs(images: &[SfmImage], pairs: &[TwoViewGeometry]) -> Vec<TwoViewGeo
 enum Mapper {
     Incremental,
     Global,
+    /// No mapper at all.
+    Given,
 }
 
 impl Mapper {
@@ -224,6 +157,7 @@ impl Mapper {
         match self {
             Self::Incremental => "incremental",
             Self::Global => "global",
+            Self::Given => "given",
         }
     }
 }
@@ -281,6 +215,7 @@ fn attempt(
             }
             models
         }
+        Mapper::Given => vec![triangulate_at_given_poses(input, &start, progress)?],
     };
     let (quality, contradiction) = match models.first() {
         Some(model) => {
@@ -339,11 +274,8 @@ fn is_turn(pair: &TwoViewGeometry) -> bool {
 }
 
 /// Every image without a pose in the first model, and why.
-fn unplaced_images(
-    images: &[SfmImage],
-    pairs: &[TwoViewGeometry],
-    models: &[SparseModel],
-) -> Vec<UnplacedImage> {
+fn unplaced_images(input: Input<'_>, models: &[SparseModel]) -> Vec<UnplacedImage> {
+    let Input { images, pairs, options, .. } = input;
     let placed = |id: ImageId| models.first().is_some_and(|map| map.images.contains_key(&id));
     images
         .iter()
@@ -362,7 +294,9 @@ fn unplaced_images(
                     to_map += pair.num_inliers();
                 }
             }
-            let reason = if in_zone {
+            let reason = if options.poses_are_given {
+                UnplacedReason::NoGivenPose
+            } else if in_zone {
                 UnplacedReason::OtherZone
             } else if total == 0 {
                 UnplacedReason::NoOverlap

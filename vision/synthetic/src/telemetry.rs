@@ -59,8 +59,8 @@ pub fn telemetry(
         priors.push(ImagePrior {
             attitude: Some(attitude),
             height: Some(height),
-            position: None,
             time_s: Some(index as f64 * interval_s),
+            ..ImagePrior::default()
         });
         drift = MEMORY * drift + noise.yaw_drift * (1.0 - MEMORY * MEMORY).sqrt() * rng.normal();
     }

@@ -70,6 +70,26 @@ pub fn write_colmap_binary(model: &SparseModel) -> ColmapFiles {
 /// [`ColmapError`] for files that are cut off, senseless, or contradict each other.
 pub fn read_colmap_binary(files: &ColmapFiles) -> Result<SparseModel, ColmapError> {
     let mut builder = Builder::default();
+    read_cameras_and_images(files, &mut builder)?;
+    read_records(ColmapFile::Points, &files.points, MIN_POINT_BYTES, |place, reader| {
+        let id = reader.u64()?;
+        let position = [reader.f64()?, reader.f64()?, reader.f64()?];
+        let color = [reader.u8()?, reader.u8()?, reader.u8()?];
+        let error_px = reader.f64()?;
+        let length = reader.count(TRACK_ELEMENT_BYTES)?;
+        let mut track = Vec::with_capacity(length);
+        for _ in 0..length {
+            track.push((u64::from(reader.u32()?), reader.u32()?));
+        }
+        Ok(builder.point(place, PointRecord { id, position, color, error_px, track })?)
+    })?;
+    builder.finish()
+}
+
+pub(super) fn read_cameras_and_images(
+    files: &ColmapFiles,
+    builder: &mut Builder,
+) -> Result<(), ColmapError> {
     read_records(ColmapFile::Cameras, &files.cameras, MIN_CAMERA_BYTES, |place, reader| {
         let id = u64::from(reader.u32()?);
         let model_id = reader.i32()?;
@@ -98,20 +118,7 @@ pub fn read_colmap_binary(files: &ColmapFiles) -> Result<SparseModel, ColmapErro
         }
         let record = ImageRecord { id, quaternion, translation, camera, name, keypoints };
         Ok(builder.image(place, record)?)
-    })?;
-    read_records(ColmapFile::Points, &files.points, MIN_POINT_BYTES, |place, reader| {
-        let id = reader.u64()?;
-        let position = [reader.f64()?, reader.f64()?, reader.f64()?];
-        let color = [reader.u8()?, reader.u8()?, reader.u8()?];
-        let error_px = reader.f64()?;
-        let length = reader.count(TRACK_ELEMENT_BYTES)?;
-        let mut track = Vec::with_capacity(length);
-        for _ in 0..length {
-            track.push((u64::from(reader.u32()?), reader.u32()?));
-        }
-        Ok(builder.point(place, PointRecord { id, position, color, error_px, track })?)
-    })?;
-    builder.finish()
+    })
 }
 
 /// An error inside a record.

@@ -59,9 +59,15 @@ pub(super) struct PointRecord {
 #[derive(Default)]
 pub(super) struct Builder {
     model: SparseModel,
+    /// Keypoints are left out, and with them who sees which point.
+    poses_only: bool,
 }
 
 impl Builder {
+    pub(super) fn of_poses() -> Self {
+        Self { poses_only: true, ..Self::default() }
+    }
+
     pub(super) fn camera(
         &mut self,
         place: Place,
@@ -96,9 +102,10 @@ impl Builder {
         if quaternion.norm() < 1e-3 {
             return Err(place.invalid("the quaternion is zero"));
         }
-        let mut keypoints = Vec::with_capacity(record.keypoints.len());
-        let mut points = Vec::with_capacity(record.keypoints.len());
-        for (x, y, point) in record.keypoints {
+        let sightings = if self.poses_only { Vec::new() } else { record.keypoints };
+        let mut keypoints = Vec::with_capacity(sightings.len());
+        let mut points = Vec::with_capacity(sightings.len());
+        for (x, y, point) in sightings {
             place.finite(&[x, y])?;
             keypoints.push(Point2::new(x, y));
             points.push(match point {

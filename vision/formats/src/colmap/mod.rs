@@ -6,6 +6,8 @@ mod binary;
 mod build;
 mod text;
 
+use volery_scene::SparseModel;
+
 pub use binary::{read_colmap_binary, write_colmap_binary};
 pub use text::{read_colmap_text, write_colmap_text};
 
@@ -62,6 +64,22 @@ pub enum ColmapError {
         /// The id as written in the file.
         id: u64,
     },
+}
+
+/// Cameras and posed images of either form; who sees which point, and the points, are left out and
+/// may be missing or wrong.
+///
+/// # Errors
+///
+/// [`ColmapError`] for files of cameras or images that are cut off or senseless.
+pub fn read_colmap_poses(files: &ColmapFiles, is_binary: bool) -> Result<SparseModel, ColmapError> {
+    let mut builder = build::Builder::of_poses();
+    if is_binary {
+        binary::read_cameras_and_images(files, &mut builder)?;
+    } else {
+        text::read_cameras_and_images(files, &mut builder)?;
+    }
+    builder.finish()
 }
 
 /// A file name as it may stand in a record: control characters would break it.

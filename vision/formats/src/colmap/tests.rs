@@ -77,6 +77,28 @@ fn parts(files: &mut ColmapFiles) -> [&mut Vec<u8>; 3] {
     [&mut files.cameras, &mut files.images, &mut files.points]
 }
 
+/// Poses come without the points, whatever state those are in.
+#[test]
+fn poses_come_alone() {
+    let model = model();
+    for (mut files, is_binary) in
+        [(write_colmap_text(&model), false), (write_colmap_binary(&model), true)]
+    {
+        files.points = b"nonsense".to_vec();
+        let poses = read_colmap_poses(&files, is_binary).unwrap();
+        assert_eq!(poses.cameras, model.cameras);
+        assert!(poses.points.is_empty() && poses.images.len() == model.images.len());
+        for (id, image) in &poses.images {
+            assert_eq!(image.name, model.images[id].name);
+            let difference = image.cam_from_world * model.images[id].cam_from_world.inverse();
+            assert!(difference.translation.vector.norm() < 1e-9, "{difference}");
+        }
+        files.images.truncate(files.images.len() / 2);
+        let cut = read_colmap_poses(&files, is_binary);
+        assert!(cut.is_err() || !is_binary);
+    }
+}
+
 #[test]
 fn every_truncation_of_binary_files_is_an_error() {
     let whole = write_colmap_binary(&model());

@@ -94,17 +94,7 @@ fn points_text(model: &SparseModel) -> String {
 /// [`ColmapError`] for files that are cut off, senseless, or contradict each other.
 pub fn read_colmap_text(files: &ColmapFiles) -> Result<SparseModel, ColmapError> {
     let mut builder = Builder::default();
-    for (place, line) in records(ColmapFile::Cameras, &files.cameras)? {
-        let mut words = Words::new(place, line);
-        let id = words.parse()?;
-        let name = words.next()?;
-        let model = CameraModel::from_name(name)
-            .ok_or_else(|| place.invalid(format!("camera model {name:.40?} is not known")))?;
-        let size = (words.parse()?, words.parse()?);
-        let params: Vec<f64> = words.parse_rest()?;
-        builder.camera(place, id, model, size, &params)?;
-    }
-    read_images(&files.images, &mut builder)?;
+    read_cameras_and_images(files, &mut builder)?;
     for (place, line) in records(ColmapFile::Points, &files.points)? {
         let mut words = Words::new(place, line);
         let id = words.parse()?;
@@ -118,6 +108,23 @@ pub fn read_colmap_text(files: &ColmapFiles) -> Result<SparseModel, ColmapError>
         builder.point(place, PointRecord { id, position, color, error_px, track })?;
     }
     builder.finish()
+}
+
+pub(super) fn read_cameras_and_images(
+    files: &ColmapFiles,
+    builder: &mut Builder,
+) -> Result<(), ColmapError> {
+    for (place, line) in records(ColmapFile::Cameras, &files.cameras)? {
+        let mut words = Words::new(place, line);
+        let id = words.parse()?;
+        let name = words.next()?;
+        let model = CameraModel::from_name(name)
+            .ok_or_else(|| place.invalid(format!("camera model {name:.40?} is not known")))?;
+        let size = (words.parse()?, words.parse()?);
+        let params: Vec<f64> = words.parse_rest()?;
+        builder.camera(place, id, model, size, &params)?;
+    }
+    read_images(&files.images, builder)
 }
 
 /// Images take two lines each; the second is empty for an image without keypoints.

@@ -322,6 +322,34 @@ fn origin_and_forward_follow_the_last_image() {
     assert_eq!(map.origin, OriginRule::LastCamera);
 }
 
+/// A model that stands in the map frame already stays there to the bit; what contradicts it is named.
+#[test]
+fn a_model_in_the_map_frame_stays() {
+    let flight = Flight::new(30, 8);
+    let options = AlignOptions { is_in_map_frame: true, ..AlignOptions::default() };
+    let given = flight.reconstruction();
+    let map = environment_map(given.clone(), &[], &options);
+    assert_eq!(map.model, given.models[0]);
+    assert_eq!(map.origin, OriginRule::Given);
+    assert_eq!(map.scale, Scale { metric: true, source: ScaleSource::Poses, sigma_rel: None });
+    assert_eq!(map.gravity, Gravity { source: GravitySource::Poses, sigma: None });
+    assert_eq!(map.quality.verdict, Verdict::Good);
+    // The truth is 2.7 times as large, and up is elsewhere.
+    let mut flight = flight;
+    let mut priors = flight.priors();
+    flight.add_attitudes(&mut priors, 0.01);
+    let distance = KnownDistance {
+        image_a: "0.jpg".to_owned(),
+        image_b: "15.jpg".to_owned(),
+        meters: (flight.centers[0] - flight.centers[15]).norm(),
+    };
+    let options = AlignOptions { known_distances: vec![distance], ..options };
+    let map = environment_map(given, &priors, &options);
+    let codes: Vec<&str> = map.quality.reasons.iter().map(|r| r.code.as_str()).collect();
+    assert_eq!(codes, ["contradicting_gravity", "contradicting_scale"]);
+    assert_eq!(map.quality.verdict, Verdict::Suspect);
+}
+
 /// Without any prior up is a guess from the cameras, and says so.
 #[test]
 fn without_priors_nothing_is_claimed() {

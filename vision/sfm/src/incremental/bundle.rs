@@ -50,6 +50,17 @@ impl WorkingModel<'_> {
         Ok(())
     }
 
+    /// Refines the points; poses and intrinsics stay.
+    pub(crate) fn adjust_points(
+        &mut self,
+        options: &BundleOptions,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
+        let constant = vec![false; self.num_images()];
+        self.frozen.fill(true);
+        self.adjust(&self.registered(), &constant, true, options, progress)
+    }
+
     /// Refines `image`, the images that share most points with it, and the points they see.
     pub(crate) fn adjust_around(
         &mut self,
@@ -123,11 +134,11 @@ impl WorkingModel<'_> {
             let Some(position) = self.tracks[track].position else { continue };
             let active = || self.tracks[track].sightings.iter().filter(|s| s.active);
             let num_inside = active().filter(|s| variable[s.image as usize]).count();
-            if num_inside == 0 {
+            if num_inside == 0 && !global {
                 continue;
             }
             let num_outside = active().count() - num_inside;
-            let constant = num_outside > 0 && num_inside < 2;
+            let constant = !global && num_outside > 0 && num_inside < 2;
             let point = problem.points.len() as u32;
             problem.points.push(position);
             problem.constant_points.push(constant);

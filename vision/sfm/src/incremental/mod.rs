@@ -1,6 +1,7 @@
 //! The incremental mapper: a pair, then image after image.
 
 mod bundle;
+mod given_poses;
 mod initial_pair;
 mod loop_closure;
 mod next_view;
@@ -15,6 +16,7 @@ use volery_geometry::Camera;
 use volery_scene::{Cancelled, Progress, SparseModel, Stage, TwoViewGeometry};
 
 pub(crate) use bundle::{FOV_RANGE_DEG, MAX_DISTORTION};
+pub(crate) use given_poses::triangulate_at_given_poses;
 pub(crate) use initial_pair::relative_pose;
 use initial_pair::{InitialDemands, rank_initial_pairs};
 use resection::Support;

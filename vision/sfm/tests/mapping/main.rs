@@ -2,6 +2,7 @@
 
 mod calibration;
 mod drift;
+mod given_poses;
 mod observed;
 mod quality;
 
