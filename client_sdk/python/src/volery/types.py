@@ -371,6 +371,8 @@ class CreateJob(Wire):
     """Seed of every random choice."""
     origin: Optional[OriginRule] = None
     """Which point is the origin."""
+    poses: Optional[PoseSource] = None
+    """Where the poses of the photos come from."""
     max_image_size: Optional[int] = None
     """Photos are made smaller until no side is longer, pixels."""
     stages: Sequence[StageGroup] = ()
@@ -1416,6 +1418,18 @@ class MapVersion(Wire):
     """The version it was made from."""
 
 
+@dataclass(frozen=True)
+class ModelReport(Wire):
+    """What became of the poses of a model."""
+
+    updated: int
+    """Number of images of the set that have the pose and the camera of the model now."""
+    unknown: Sequence[str]
+    """Names in the model that no image of the set has."""
+    missing: Sequence[str]
+    """Names of images of the set that the model does not have."""
+
+
 OriginRule = Literal["last_camera", "mean_cameras", "given"]
 """Which point is the origin of a map."""
 
@@ -1468,6 +1482,10 @@ class PhotoLight(Wire):
     """Whether the light is another one than when the map was made."""
 
 
+PoseSource = Literal["estimated", "given", "given_metric"]
+"""Where the poses of photos come from."""
+
+
 @dataclass(frozen=True)
 class PositionPrior(Wire):
     """Position of the camera in a metric, z-up frame that all priors of a set share."""
@@ -1492,6 +1510,12 @@ class Prior(Wire):
     """From a barometer or range finder."""
     position: Optional[PositionPrior] = None
     """From motion capture, RTK or a previous map."""
+    pose: Optional[CameraPose] = None
+    """The pose that another program found, in a frame that the priors of a set share. Only jobs
+    with `poses: given` or `given_metric` look at it.
+    """
+    camera: Optional[Camera] = None
+    """Intrinsics of this image, where they differ from those of its set; kept fixed."""
     time_s: Optional[float] = None
     """Seconds since an arbitrary start; orders the images of a flight."""
 

@@ -174,6 +174,18 @@ class Api:
         """
         return self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/priors", json_of(PriorsReport), body=body)
 
+    def put_model(self, imageset_id: str, body: Dict[str, Any]) -> ModelReport:
+        """Sets the poses and cameras of images to those of another program's model of them.
+
+        An `application/zip` body holds COLMAP's `cameras` and `images`, `.txt` or `.bin`, in
+        any folder; `application/json` is a `transforms.json`. Names of images may differ in
+        folders and extensions. Other priors of the images stay. Jobs look at the poses with
+        `poses: given` or `given_metric`.
+
+        `PUT /v1/imagesets/{id}/model`
+        """
+        return self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/model", json_of(ModelReport), body=body)
+
     def get_image(self, image_id: str) -> Image:
         """One image.
 
