@@ -150,7 +150,7 @@ mod tests {
         let refused =
             |files: &[(String, &[u8])]| read_foreign_model(files, &BTreeSet::new()).unwrap_err();
         let images = ("images.txt".to_owned(), images.as_bytes());
-        assert_eq!(refused(&[images.clone()]).code, code::BAD_MODEL);
+        assert_eq!(refused(std::slice::from_ref(&images)).code, code::BAD_MODEL);
         let error = refused(&[("cameras.txt".to_owned(), b"1 PINHOLE 640".as_slice()), images]);
         assert!(error.detail.contains("Cameras file, line or record 1"), "{}", error.detail);
     }
