@@ -123,7 +123,7 @@ mod tests {
     fn telemetry_becomes_priors() {
         let text = "image,time_s,yaw_deg,height_m\na.jpg,1.5,90,2\nb.jpg,2,,\n";
         let priors = parse_telemetry(text).unwrap();
-        let a = priors["a.jpg"];
+        let a = &priors["a.jpg"];
         assert!((a.attitude.unwrap().yaw - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
         assert_eq!(a.height.unwrap().height, 2.0);
         assert_eq!(priors["b.jpg"], Prior { time_s: Some(2.0), ..Prior::default() });
