@@ -136,6 +136,28 @@ fn drones_that_hover_fly_back() {
     }
 }
 
+/// Whoever flies them is gone: all stop, and the flight is over, so that others may fly them.
+#[test]
+fn a_lapsed_lease_ends_the_flight() {
+    let tasks: Vec<Task> = crossing().into_iter().take(3).collect();
+    let mut hall = hall(&tasks, Flavor::ArduPilot);
+    let mut lapses = None;
+    let outcome = fly(&mut hall, &tasks, |hall, since| {
+        if since > Duration::from_secs(6) && lapses.is_none() {
+            lapses = Some(hall.now);
+            hall.fleet.lease(VehicleId(2), Some(hall.now));
+        }
+    });
+    assert_eq!(outcome.state, FlightState::Stopped);
+    let stopped = outcome.when(|event| *event == FlightEvent::State(FlightState::Stopped)).unwrap();
+    assert!(stopped - lapses.unwrap() < Duration::from_millis(200), "{stopped:?} {lapses:?}");
+    hall.run(3.0);
+    for drone in &hall.world.drones {
+        assert!(drone.is_flying() && drone.body().velocity.norm() < 0.2, "{:?}", drone.body());
+    }
+    assert_eq!(hall.world.num_contacts(), 0);
+}
+
 /// Everybody arrives, nobody comes within a meter, and the flight is the plan: beside its way by
 /// at most half of the margin planned for a pair, behind its time by less than what would stop the clock, and its nearest approach
 /// is that of the plan within 0.2 m.

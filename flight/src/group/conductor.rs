@@ -151,6 +151,9 @@ impl Conductor {
         }
         self.polled = Some(now);
         let seen = sight(fleet);
+        if self.is_begun() && self.is_left(&seen) {
+            return self.hold_all(fleet, now);
+        }
         if let Some(by) = self.begins_by {
             if self.is_settled(&seen) && self.coordinator.start(now, &seen).is_ok() {
                 self.begins_by = None;
@@ -164,6 +167,31 @@ impl Conductor {
             self.tell(fleet, vehicle, order, &seen, now);
         }
         tick.events
+    }
+
+    /// Whether the one who flies them has gone: the lease of a vehicle has run out.
+    fn is_left(&self, seen: &BTreeMap<VehicleId, Seen>) -> bool {
+        let left = [Verdict::Hold(Reason::LeaseOver), Verdict::Land(Reason::LeaseOver)];
+        let taken_out: Vec<_> = self.coordinator.taken_out().collect();
+        let mut ways = self.coordinator.plan().ways.keys();
+        ways.any(|vehicle| {
+            let verdict = seen.get(vehicle).map(|seen| seen.verdict);
+            verdict.is_some_and(|verdict| left.contains(&verdict)) && !taken_out.contains(vehicle)
+        })
+    }
+
+    /// Ends the flight, so that its vehicles are free for the next who comes, and holds them.
+    fn hold_all(&mut self, fleet: &mut Fleet, now: Duration) -> Vec<FlightEvent> {
+        let vehicles: Vec<VehicleId> = self.coordinator.plan().ways.keys().copied().collect();
+        for vehicle in vehicles {
+            let is_held = fleet.vehicle(vehicle).is_none_or(|v| v.verdict().severity() > 0);
+            if !is_held && !self.coordinator.taken_out().any(|out| out == vehicle) {
+                // Refused on the ground, where there is nothing to hold.
+                let _ = fleet.command(vehicle, &Command::Hold, now);
+            }
+        }
+        self.stop();
+        vec![FlightEvent::State(FlightState::Stopped)]
     }
 
     /// Carries out an order. What the fleet refuses it refuses for a reason that its own guard
