@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::{KnownDistance, PositionPrior};
+
 /// Intrinsics under COLMAP's names and parameter order, first pixel center at (0.5, 0.5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
