@@ -199,6 +199,11 @@ class Writer:
         content = operation.get("requestBody", {}).get("content", {})
         if "application/json" in content:
             kind = self.type_of(content["application/json"].get("schema"))
+            if "application/zip" in content:
+                kind = f"Union[{kind}, bytes]"
+                headers.append(
+                    '"Content-Type": "application/zip" if isinstance(body, bytes) else None'
+                )
             if "text/csv" in content:
                 kind = f"Union[{kind}, str]"
             first.append(f"body: {kind}")
@@ -279,7 +284,7 @@ API_HEAD = '''"""Every operation of the API, one method each."""
 
 from __future__ import annotations
 
-from typing import Any, List, Literal, Optional, Union
+from typing import Any, Dict, List, Literal, Optional, Union
 
 from ..types import *
 from ..wire import Page, compact, content, json_of, json_or_text, new_key, none, quoted, text

@@ -121,6 +121,10 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   assert.ok(Math.hypot(...held.map((value, k) => value - still[k])) < 0.15);
   assert.ok(Math.abs(held[0] - (center[0] - 2)) > 0.5, 'it held on its way');
 
+  // What came of it stays until it is closed.
+  await report.getByRole('button', { name: 'Close' }).click();
+  await report.waitFor({ state: 'detached' });
+
   // On a tablet.
   await page.setViewportSize({ width: 1024, height: 768 });
   await tab('Drones');

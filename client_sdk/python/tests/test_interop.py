@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.room import HALF, Scan, camera
+from support.room import HALF, Room, Scan, camera, pose
 
 from volery import Client, Map
 from volery.geometry import gltf_from_map
@@ -62,6 +62,36 @@ def test_poses_are_the_same_everywhere(hall: Map, photos: Scan) -> None:
     for frame in transforms["frames"]:
         pose = poses[Path(frame["file_path"]).name]
         assert np.allclose(frame["transform_matrix"], pose.matrix @ camera_from_gl, atol=1e-6)
+
+
+def test_models_of_pycolmap_become_maps(
+    hall: Map, client: Client, photos: Scan, room: Room, tmp_path: Path
+) -> None:
+    query = room.photo(pose((0.1, -0.1, 0.05), 0.9))
+    pycolmap = pytest.importorskip("pycolmap")
+    model = hall.to_colmap()
+    poses = {image.image: image.pose for image in hall.cameras().images}
+    # What COLMAP knows of a room has no meters and no up.
+    model.transform(pycolmap.Sim3d(2.5, pycolmap.Rotation3d([0.5, 0.5, 0.5, 0.5]), [1, 2, 3]))
+    model.write(str(tmp_path))
+    job = client.reconstruct(photos.folder, name="theirs", model=tmp_path, preset="fast")
+    theirs = job.wait(timeout=600)
+    assert not theirs.info.active.info["scale"]["metric"]
+    answer = theirs.localize(query, camera=camera())
+    assert answer.status == "ok"
+
+    # In meters with z up the frame stays, and a photo finds the place it has in our own map.
+    transforms = tmp_path / "transforms.json"
+    transforms.write_bytes(hall.export("transforms.json"))
+    job = client.reconstruct(
+        photos.folder, name="nerf", model=transforms, model_is_metric=True, preset="fast"
+    )
+    kept = job.wait(timeout=600)
+    for image in kept.cameras().images:
+        assert np.allclose(image.pose.matrix, poses[image.image].matrix, atol=1e-5)
+    ours, again = (map.localize(query, camera=camera()) for map in (hall, kept))
+    assert ours.pose is not None and again.pose is not None
+    assert np.linalg.norm(np.subtract(ours.pose.position, again.pose.position)) < 0.02
 
 
 def test_points_load_in_trimesh(hall: Map) -> None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Literal, Optional, Union
+from typing import Any, Dict, List, Literal, Optional, Union
 
 from ..types import *
 from ..wire import Page, compact, content, json_of, json_or_text, new_key, none, quoted, text
@@ -174,7 +174,7 @@ class Api:
         """
         return self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/priors", json_of(PriorsReport), body=body)
 
-    def put_model(self, imageset_id: str, body: Dict[str, Any]) -> ModelReport:
+    def put_model(self, imageset_id: str, body: Union[Dict[str, Any], bytes]) -> ModelReport:
         """Sets the poses and cameras of images to those of another program's model of them.
 
         An `application/zip` body holds COLMAP's `cameras` and `images`, `.txt` or `.bin`, in
@@ -184,7 +184,7 @@ class Api:
 
         `PUT /v1/imagesets/{id}/model`
         """
-        return self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/model", json_of(ModelReport), body=body)
+        return self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/model", json_of(ModelReport), body=body, headers={"Content-Type": "application/zip" if isinstance(body, bytes) else None})
 
     def get_image(self, image_id: str) -> Image:
         """One image.

@@ -19,6 +19,7 @@ from typing import (
 )
 
 from ..errors import UploadRejected
+from ..models import ModelSource, model_body
 from ..photos import Photos, batches, encoded, listed, parts
 from ..progress import Progress, progress_of
 from ..types import (
@@ -36,6 +37,7 @@ from ..types import (
     LocalizeMethod,
     LocalizePrior,
     OriginRule,
+    PoseSource,
     Preset,
     Prior,
     PutPriors,
@@ -180,6 +182,8 @@ class Client:
         scale: Union[None, KnownDistance, Sequence[KnownDistance]] = None,
         camera: Optional[Camera] = None,
         priors: Optional[Mapping[str, Prior]] = None,
+        model: Optional[ModelSource] = None,
+        model_is_metric: bool = False,
         preset: Preset = "balanced",
         stages: Sequence[StageGroup] = (),
         origin: Optional[OriginRule] = None,
@@ -193,6 +197,9 @@ class Client:
           without `priors` the map has no unit, and no drone may be flown by it.
         * `camera`: calibration of all photos; from EXIF and refined when absent.
         * `priors`: by file name, what the drone knew: attitude, height, position.
+        * `model`: poses and cameras that another program found, taken as they are: a folder with
+          COLMAP's `cameras` and `images`, `.txt` or `.bin`, a zip archive of it, or a
+          `transforms.json`. Its frame stays if `model_is_metric`: meters with z up.
         * `preset`: `fast` ends with the sparse map, `balanced` and `best` with a painted mesh.
         * `stages`: ends earlier or later than the preset.
         """
@@ -205,6 +212,10 @@ class Client:
             raise UploadRejected(f"no photo was taken: {reasons}", results=report.results)
         if priors:
             self.api.put_priors(imageset.id, PutPriors(dict(priors)))
+        poses: PoseSource = "estimated"
+        if model is not None:
+            self.api.put_model(imageset.id, model_body(model))
+            poses = "given_metric" if model_is_metric else "given"
         distances = [scale] if isinstance(scale, KnownDistance) else list(scale or ())
         job = self.job(
             CreateJob(
@@ -212,6 +223,7 @@ class Client:
                 map_name=name,
                 camera=camera,
                 known_distances=distances,
+                poses=poses,
                 preset=preset,
                 stages=stages,
                 origin=origin,
