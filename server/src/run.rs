@@ -120,6 +120,16 @@ pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
 /// token, to standard output.
 pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result<(), ServeError> {
     let server = start(config).await?;
+    if let Err(error) = announce(&server) {
+        // Whoever started it may have stopped to listen.
+        tracing::warn!("cannot print where the service listens: {error}");
+    }
+    shutdown.await;
+    server.stop().await;
+    Ok(())
+}
+
+fn announce(server: &RunningServer) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "volery listens on {}", server.url())?;
     if let Some(address) = server.mavlink_addr() {
@@ -129,11 +139,7 @@ pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result
         writeln!(out, "admin token (shown this once): {token}")?;
         writeln!(out, "the page: {}/#token={token}", server.url())?;
     }
-    out.flush()?;
-    drop(out);
-    shutdown.await;
-    server.stop().await;
-    Ok(())
+    out.flush()
 }
 
 /// Frees the space of what was deleted, once an hour.
