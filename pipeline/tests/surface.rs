@@ -152,7 +152,7 @@ fn photos_become_a_mesh_that_is_true_to_the_hall() {
     assert!(report.contains("<h2>Surface</h2>"));
     assert!(report.contains("<h3>Free space</h3>") && report.contains("unseen 1"));
     let num_pictures = report.matches("data:image/jpeg;base64,/9j/").count();
-    assert_eq!(num_pictures, 9, "a plan, and four photos beside their depths");
+    assert_eq!(num_pictures, 13, "a plan, and four photos beside the mesh and their depths");
 
     let work = folder.0.join("work-rough");
     for stage in [Stage::DepthMaps, Stage::Fusion, Stage::Meshing, Stage::Texturing] {
