@@ -100,7 +100,9 @@ pub fn environment_map(
             (levelled_frame(&model, &up, factor, origin), scale, gravity, origin)
         }
     };
-    model.transform(&map_from_model);
+    if !in_place {
+        model.transform(&map_from_model);
+    }
     if !contradictions.is_empty() {
         quality.verdict = quality.verdict.max(Verdict::Suspect);
         quality.reasons.append(&mut contradictions);
