@@ -5,7 +5,7 @@ import { mkdtemp, rm, writeFile } from 'node:fs/promises';
 import { tmpdir } from 'node:os';
 import path from 'node:path';
 import { createInterface } from 'node:readline';
-import { PATIENCE_MS, startServer } from './harness.js';
+import { startServer, until } from './harness.js';
 import { CAMERA, photographRoom } from './room.js';
 
 /** A station with a link to drones on a port of the system's choice. */
@@ -15,42 +15,29 @@ export async function startStation() {
   await writeFile(path.join(folder, 'key'), key);
   const server = await startServer(['--mavlink', 'udp:127.0.0.1:0', '--mavlink-key', path.join(folder, 'key')]);
   const mavlink = await until(() => /heard on udp:(\S+)/.exec(server.said())?.[1]);
-  const api = async (method, route, body, type = 'application/json') => {
-    const answer = await fetch(server.address + route, {
-      method,
-      headers: { authorization: `Bearer ${server.token}`, ...(body && type && { 'content-type': type }) },
-      body: type === 'application/json' && body ? JSON.stringify(body) : body,
-    });
-    const text = await answer.text();
-    if (!answer.ok) throw new Error(`${method} ${route}: ${answer.status} ${text}`);
-    return text && JSON.parse(text);
-  };
   const stop = async () => {
     await server.stop();
     await rm(folder, { recursive: true, force: true });
   };
-  return { ...server, key, mavlink, api, stop };
-}
-
-/** Asks until there is an answer. */
-export async function until(ask, patience = PATIENCE_MS) {
-  for (const end = Date.now() + patience; Date.now() < end; ) {
-    const answer = await ask();
-    if (answer) return answer;
-    await new Promise((done) => setTimeout(done, 100));
-  }
-  throw new Error(`in vain: ${ask}`);
+  return { ...server, key, mavlink, stop };
 }
 
 /** A small metric map of the painted room: its active version. */
-export async function mapRoom({ api }, browser) {
-  const set = await api('POST', '/v1/imagesets', { name: 'room' });
+export async function mapRoom(server, browser) {
+  return mapPhotos(server, await photographRoom(browser, 8), 'Room');
+}
+
+/** A map of photos of the room; its scale is the distance from the first to the last. */
+export async function mapPhotos({ api }, photos, name) {
+  const set = await api('POST', '/v1/imagesets', { name });
   const form = new FormData();
-  for (const { name, type, bytes } of await photographRoom(browser, 8)) form.append('file', new Blob([bytes], { type }), name);
+  for (const { name, type, bytes } of photos) form.append('file', new Blob([bytes], { type }), name);
   await api('POST', `/v1/imagesets/${set.id}/images`, form, null);
+  const [a, b] = [photos[0], photos.at(-1)];
+  const meters = Math.hypot(...a.position.map((value, k) => value - b.position[k]));
   const job = await api('POST', '/v1/jobs', {
-    kind: 'reconstruct', imageset_ids: [set.id], preset: 'fast', camera: CAMERA, map_name: 'Room',
-    known_distances: [{ image_a: 'room_00.png', image_b: 'room_07.png', meters: 1.8 }],
+    kind: 'reconstruct', imageset_ids: [set.id], preset: 'fast', camera: CAMERA, map_name: name,
+    known_distances: [{ image_a: a.name, image_b: b.name, meters }],
   });
   const done = await until(async () => {
     const now = await api('GET', `/v1/jobs/${job.id}`);

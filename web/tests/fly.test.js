@@ -1,8 +1,8 @@
 // Drones fly by the page: found, named, fenced, sent by a click, refused, watched, stopped.
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
-import { mapRoom, startDrones, startStation, until } from './drones.js';
-import { inspect, openPage, startBrowser } from './harness.js';
+import { mapRoom, startDrones, startStation } from './drones.js';
+import { inspect, openPage, startBrowser, until } from './harness.js';
 
 let station, browser, drones, map, center, floor;
 

@@ -1,4 +1,5 @@
 // A real ground station, a real browser, and what every test of the page asks of it.
+import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { mkdir, mkdtemp, readFile, rm } from 'node:fs/promises';
 import { createRequire } from 'node:module';
@@ -13,11 +14,13 @@ const ARGS = [
   '--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
   '--disable-component-update', '--disable-sync', '--use-angle=swiftshader',
   '--enable-unsafe-swiftshader',
+  // A page that does not come from the server may open its socket all the same: see `openPage`.
+  '--disable-features=LocalNetworkAccessChecks',
 ];
 /** The machine may be busy. */
 export const PATIENCE_MS = 240_000;
 
-/** Starts `volery serve` on a fresh folder and a port of the system's choice. */
+/** Starts `volery serve` on a fresh folder and a port of the system's choice; `api` asks it. */
 export async function startServer(args = []) {
   const program = process.env.VOLERY_BIN;
   if (!program) throw new Error('VOLERY_BIN does not name the program volery');
@@ -39,8 +42,19 @@ export async function startServer(args = []) {
     child.on('exit', (code) => reject(new Error(`the server ended with ${code}:\n${said}`)));
   });
   await ready;
+  const api = async (method, route, body, type = 'application/json') => {
+    const answer = await fetch(seen.address + route, {
+      method,
+      headers: { authorization: `Bearer ${seen.token}`, ...(body && type && { 'content-type': type }) },
+      body: type === 'application/json' && body ? JSON.stringify(body) : body,
+    });
+    const text = await answer.text();
+    if (!answer.ok) throw new Error(`${method} ${route}: ${answer.status} ${text}`);
+    return text && JSON.parse(text);
+  };
   return {
     ...seen,
+    api,
     said: () => said,
     async stop() {
       child.removeAllListeners('exit');
@@ -52,16 +66,34 @@ export async function startServer(args = []) {
   };
 }
 
+/** Asks until there is an answer. */
+export async function until(ask, patience = PATIENCE_MS) {
+  for (const end = Date.now() + patience; Date.now() < end; ) {
+    const answer = await ask();
+    if (answer) return answer;
+    await new Promise((done) => setTimeout(done, 100));
+  }
+  throw new Error(`in vain: ${ask}`);
+}
+
 export async function startBrowser() {
   return chromium.launch({ executablePath: BROWSER, args: ARGS });
 }
 
-/** A page that keeps what its console complained of. */
+/**
+ * A page that keeps what its console complained of. `VOLERY_PAGE` names a folder with a built page
+ * that is opened instead of the one in the program.
+ */
 export async function openPage(browser, base, options = {}) {
   const context = await browser.newContext({
     baseURL: base, viewport: { width: 1280, height: 800 }, ...options,
   });
   context.setDefaultTimeout(PATIENCE_MS);
+  const built = process.env.VOLERY_PAGE;
+  if (built) await context.route((url) => url.origin === base && !/^\/(v1|openapi)/.test(url.pathname), (route) => {
+    const name = path.join(built, new URL(route.request().url()).pathname);
+    return route.fulfill({ path: path.extname(name) ? name : path.join(built, 'index.html') });
+  });
   const page = await context.newPage();
   const complaints = [];
   page.on('console', (message) => {
@@ -117,4 +149,20 @@ export async function inspect(page, name) {
   }
   await page.emulateMedia({ colorScheme: 'light' });
   return serious;
+}
+
+/** Clicks from the middle of the scene, or from `beside` pixels right of it, outwards until `seen`. */
+export async function clickAround(page, seen, step = 28, beside = 0) {
+  const { x, y, width, height } = await page.locator('.scene canvas').boundingBox();
+  const places = [];
+  for (let i = -12; i <= 12; i++) {
+    for (let k = -8; k <= 8; k++) places.push([i * step, k * step]);
+  }
+  places.sort(([a, b], [c, d]) => Math.hypot(a, b) - Math.hypot(c, d));
+  for (const [dx, dy] of places) {
+    if (Math.abs(dx + beside) > width / 2 - 10 || Math.abs(dy) > height / 2 - 70) continue;
+    await page.mouse.click(x + width / 2 + beside + dx, y + height / 2 + dy);
+    if (await seen()) return;
+  }
+  assert.fail('nothing was hit');
 }

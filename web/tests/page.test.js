@@ -1,7 +1,7 @@
 // From photos to a map that photos are found in, as a person does it in a browser.
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
-import { dropFiles, inspect, openPage, startBrowser, startServer } from './harness.js';
+import { clickAround, dropFiles, inspect, openPage, startBrowser, startServer } from './harness.js';
 import { CAMERA, photographRoom } from './room.js';
 
 let server, browser, page, complaints, photos;
@@ -130,10 +130,20 @@ test('the ruler measures, and a known length makes the map metric', async () => 
   assert.match(await distance.textContent(), /units/);
   await page.getByLabel('True length, meters').fill('2');
   await accessible('map-measure');
+  const measured = Number.parseFloat(await distance.textContent());
+  const id = new URL(page.url()).pathname.split('/')[2];
   await button('Set the scale').click();
   await page.waitForURL(/\/maps\/[^/]+\/2$/);
   await page.getByText(/^metric/).waitFor();
   await page.waitForFunction(() => performance.getEntriesByName('map-sparse').length > 1);
+  // What was measured is two meters now, and so is all else.
+  const flown = async (version) => {
+    const { images } = await server.api('GET', `/v1/maps/${id}/cameras?version=${version}`);
+    const [a, b] = ['room_00.png', 'room_10.png'].map((name) => images.find(({ image }) => image === name).pose.position);
+    return Math.hypot(...a.map((value, k) => value - b[k]));
+  };
+  const grown = await flown(2) / await flown(1);
+  assert.ok(Math.abs(grown * measured - 2) < 0.02, `${measured} units grew by ${grown}`);
 });
 
 test('a photo that is dropped on the map is found in it', async () => {
@@ -170,19 +180,3 @@ test('all stop answers, and the console had nothing to complain of', async () =>
   await accessible('all-stop');
   assert.deepEqual(complaints.filter((text) => !text.includes('409')), []);
 });
-
-/** Clicks from the middle of the scene outwards until `seen`. */
-async function clickAround(page, seen, step = 28) {
-  const { x, y, width, height } = await page.locator('.scene canvas').boundingBox();
-  const places = [];
-  for (let i = -12; i <= 12; i++) {
-    for (let k = -8; k <= 8; k++) places.push([i * step, k * step]);
-  }
-  places.sort(([a, b], [c, d]) => Math.hypot(a, b) - Math.hypot(c, d));
-  for (const [dx, dy] of places) {
-    if (Math.abs(dx) > width / 2 - 10 || Math.abs(dy) > height / 2 - 70) continue;
-    await page.mouse.click(x + width / 2 + dx, y + height / 2 + dy);
-    if (await seen()) return;
-  }
-  assert.fail('nothing was hit');
-}

@@ -14,8 +14,20 @@ export const CAMERA = {
   model: 'PINHOLE', width: WIDTH, height: HEIGHT, params: [FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2],
 };
 
-/** `count` PNG photos along an arc, looking at one corner of the room; z up, meters. */
+/** Where the camera stands and what it looks at: `count` views along an arc; z up, meters. */
+function viewsAlongArc(count) {
+  return Array.from({ length: count }, (_, i) => {
+    const part = i / (count - 1) - 0.5;
+    return {
+      position: [-1.7 + 0.4 * Math.cos(6 * part), 1.8 * part, 1.3 + 0.7 * Math.sin(9 * part)],
+      target: [1.4, 0.35 * part, 0.95],
+    };
+  });
+}
+
+/** `count` PNG photos along an arc, looking at one corner of the room, and where they were taken. */
 export async function photographRoom(browser, count) {
+  const views = viewsAlongArc(count);
   const page = await browser.newPage();
   await page.route('http://room.test/**', async (route) => {
     const name = new URL(route.request().url()).pathname.slice(1);
@@ -24,17 +36,18 @@ export async function photographRoom(browser, count) {
     return route.fulfill({ contentType: 'text/javascript', body });
   });
   await page.goto('http://room.test/');
-  const pictures = await page.evaluate(draw, { count, width: WIDTH, height: HEIGHT, focal: FOCAL });
+  const pictures = await page.evaluate(draw, { views, width: WIDTH, height: HEIGHT, focal: FOCAL });
   await page.close();
   return pictures.map((base64, index) => ({
     name: `room_${String(index).padStart(2, '0')}.png`,
     type: 'image/png',
     bytes: Buffer.from(base64, 'base64'),
+    ...views[index],
   }));
 }
 
 /** Runs in the page. */
-async function draw({ count, width, height, focal }) {
+async function draw({ views, width, height, focal }) {
   const three = await import('http://room.test/three.module.js');
   let state = 7;
   const random = () => {
@@ -79,10 +92,9 @@ async function draw({ count, width, height, focal }) {
   const camera = new three.PerspectiveCamera(fov, width / height, 0.05, 20);
   camera.up.set(0, 0, 1);
   const pictures = [];
-  for (let i = 0; i < count; i++) {
-    const part = i / (count - 1) - 0.5;
-    camera.position.set(-1.7 + 0.4 * Math.cos(6 * part), 1.8 * part, 1.3 + 0.35 * Math.sin(9 * part));
-    camera.lookAt(1.4, 0.35 * part, 0.95);
+  for (const { position, target } of views) {
+    camera.position.set(...position);
+    camera.lookAt(...target);
     renderer.render(scene, camera);
     const blob = await new Promise((done) => renderer.domElement.toBlob(done, 'image/png'));
     const bytes = new Uint8Array(await blob.arrayBuffer());

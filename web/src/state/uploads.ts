@@ -38,19 +38,20 @@ export async function upload(set: string, files: File[], done: () => void): Prom
     files: (old.running ? old.files : 0) + files.length,
     bytes: (old.running ? old.bytes : 0) + total,
   } as Upload));
-  const photos = files.filter((file) => kindOf(file) === 'photo');
-  const others = files.filter((file) => kindOf(file) !== 'photo');
-  for (const batch of batches(photos)) {
+  const of = (kind: Kind) => files.filter((file) => kindOf(file) === kind);
+  for (const batch of batches(of('photo'))) {
     await step(set, batch, () => sendPhotos(set, batch));
     done();
   }
-  // Telemetry names photos: they have to be there.
-  for (const file of others) await step(set, [file], () => sendOther(set, file));
+  // Telemetry names photos, also zipped ones: they have to be there.
+  for (const file of [...of('zip'), ...of('csv'), ...of('json')]) await step(set, [file], () => sendOther(set, file));
   change(set, (old) => ({ ...old, running: false, sent: old.bytes }));
   done();
 }
 
-function kindOf(file: File): 'photo' | 'zip' | 'csv' | 'json' {
+type Kind = 'photo' | 'zip' | 'csv' | 'json';
+
+function kindOf(file: File): Kind {
   const extension = file.name.toLowerCase().split('.').pop();
   return extension === 'zip' || extension === 'csv' || extension === 'json' ? extension : 'photo';
 }

@@ -4,18 +4,20 @@ import { useLoad } from '../../state/load';
 import { navigate } from '../../state/router';
 import { Dialog } from '../../ui/dialog';
 import { Failure } from '../../ui/failure';
+import { Presets, type Preset } from './presets';
 
 /** Maps that share a part become one, in the frame of the first. */
 export function JoinMaps({ onClose }: { onClose: () => void }) {
   const { data, error, reload } = useLoad(() => list('/v1/maps'), []);
   const [chosen, setChosen] = useState<string[]>([]);
+  const [preset, setPreset] = useState<Preset>('balanced');
   const [refused, setRefused] = useState<unknown>(null);
   const toggle = (id: string) =>
     setChosen(chosen.includes(id) ? chosen.filter((one) => one !== id) : [...chosen, id]);
   const start = async () => {
     try {
       const names = chosen.map((id) => data?.find((map) => map.id === id)?.name);
-      const body = { kind: 'register_maps', map_ids: chosen, map_name: names.join(' + ').slice(0, 200) } as const;
+      const body = { kind: 'register_maps', map_ids: chosen, preset, map_name: names.join(' + ').slice(0, 200) } as const;
       const job = await post('/v1/jobs', body);
       onClose();
       navigate(`/jobs/${job.id}`);
@@ -38,6 +40,7 @@ export function JoinMaps({ onClose }: { onClose: () => void }) {
             </label>
           ))}
         </div>
+        <Presets chosen={preset} choose={setPreset} />
         {refused !== null && <Failure error={refused} />}
         <footer class="row end">
           <button type="button" onClick={onClose}>Cancel</button>

@@ -6,12 +6,7 @@ import { navigate } from '../../state/router';
 import { Dialog } from '../../ui/dialog';
 import { Failure } from '../../ui/failure';
 import { plural } from '../../ui/format';
-
-const PRESETS = [
-  { name: 'fast', title: 'Fast', text: 'Sparse map: enough to localize and to fly' },
-  { name: 'balanced', title: 'Balanced', text: 'With a textured surface; minutes' },
-  { name: 'best', title: 'Best', text: 'Finer surface; several times longer' },
-] as const;
+import { Presets, type Preset } from './presets';
 
 type Scale = 'telemetry' | 'distance' | 'later';
 
@@ -21,7 +16,7 @@ export function StartJob(props: { sets: ImageSet[]; images: Image[]; onClose: ()
   const withPrior = images.filter(({ prior }) => prior).length;
   const maps = useLoad(() => list('/v1/maps'), []);
   const [name, setName] = useState(props.sets[0]?.name ?? '');
-  const [preset, setPreset] = useState<NonNullable<CreateJob['preset']>>('balanced');
+  const [preset, setPreset] = useState<Preset>('balanced');
   const [scale, setScale] = useState<Scale>(withPrior > 0 ? 'telemetry' : 'later');
   const [a, setA] = useState(images[0]?.name ?? '');
   const [b, setB] = useState(images.at(-1)?.name ?? '');
@@ -79,15 +74,7 @@ export function StartJob(props: { sets: ImageSet[]; images: Image[]; onClose: ()
               Name of the map
               <input value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} />
             </label>
-            <fieldset>
-              <legend>Preset</legend>
-              {PRESETS.map((one) => (
-                <label key={one.name} class="check choice">
-                  <input type="radio" name="preset" value={one.name} checked={preset === one.name} onChange={() => setPreset(one.name)} />
-                  <span><strong>{one.title}</strong> <span class="muted">{one.text}</span></span>
-                </label>
-              ))}
-            </fieldset>
+            <Presets chosen={preset} choose={setPreset} />
             <fieldset>
               <legend>What gives the scale</legend>
               {withPrior > 0 && (

@@ -27,8 +27,9 @@ export interface ReportImage {
 }
 
 export interface Report {
-  num_images: number;
-  num_registered: number;
+  num_images?: number;
+  /** Only of maps that are made of photos, not of other maps. */
+  num_registered?: number;
   mean_reprojection_px?: number;
   mean_track_length?: number;
   images?: ReportImage[];

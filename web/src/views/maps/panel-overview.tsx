@@ -41,7 +41,9 @@ export function OverviewPanel({ data, reload }: { data: MapData; reload: () => v
       )}
       <dl class="facts">
         {size && <Fact name="Size">{size.map((side) => side.toFixed(2)).join(' × ')} {unit}</Fact>}
-        {report && <Fact name="Photos">{report.num_registered} of {report.num_images} placed</Fact>}
+        <Fact name="Photos">
+          {report?.num_registered === undefined ? count(info.num_images ?? 0) : `${report.num_registered} of ${report.num_images} placed`}
+        </Fact>
         {info.num_triangles ? <Fact name="Triangles">{count(info.num_triangles)}</Fact> : null}
         {info.num_dense_points ? <Fact name="Dense points">{count(info.num_dense_points)}</Fact> : null}
         {info.num_points ? <Fact name="Sparse points">{count(info.num_points)}</Fact> : null}

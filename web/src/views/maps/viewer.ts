@@ -48,6 +48,8 @@ export class MapViewer {
       effect(() => this.drawFrusta(theme.value)),
       effect(() => this.drawMarks(this.marks.value, this.tool.value)),
       effect(() => this.paintChosen(this.chosen.value)),
+      // On the way cameras would stand in the view.
+      effect(() => scene.show('cameras', this.shown.value.has('cameras') && !this.tour.playing.value)),
       scene.onClick(({ hits }) => this.click(hits)),
     );
   }
@@ -65,7 +67,8 @@ export class MapViewer {
       return;
     }
     this.shown.value = shown.add(layer);
-    if (layer === 'cameras' || layer === 'grid' || layer === 'axes') {
+    if (layer === 'cameras') return;
+    if (layer === 'grid' || layer === 'axes') {
       this.scene.show(layer, true);
       return;
     }
