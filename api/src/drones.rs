@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::LocalizeAnswer;
+use crate::{LocalizeAnswer, vision::pose_problem};
 
 /// Which MAVLink message carries poses to a drone's estimator.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -26,6 +26,13 @@ pub struct CameraMount {
     /// Unit quaternion w, x, y, z that turns camera axes (x right, y down, z forward) into the
     /// body's.
     pub orientation: [f64; 4],
+}
+
+impl CameraMount {
+    /// What is wrong with it, if anything.
+    pub fn problem(&self) -> Option<String> {
+        pose_problem(&self.position, &self.orientation)
+    }
 }
 
 impl Default for CameraMount {

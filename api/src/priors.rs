@@ -79,9 +79,6 @@ pub struct Prior {
     pub time_s: Option<f64>,
 }
 
-/// A quaternion may be written with few digits.
-const MAX_NORM_ERROR: f64 = 1e-3;
-
 impl Prior {
     /// What is wrong with it, if anything: a number that is not finite, a sigma that is not
     /// positive, a quaternion that is none, a camera that makes no sense.
@@ -100,22 +97,14 @@ impl Prior {
             numbers.extend(position.position);
             sigmas.push(position.sigma);
         }
-        if let Some(pose) = &self.pose {
-            numbers.extend(pose.position.iter().chain(&pose.orientation));
-            let norm = pose.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
-            if (norm - 1.0).abs() > MAX_NORM_ERROR {
-                return Some(format!(
-                    "orientation must be a unit quaternion, its length is {norm}"
-                ));
-            }
-        }
         numbers.extend(self.time_s);
         if numbers.iter().chain(&sigmas).any(|value| !value.is_finite()) {
             Some("numbers must be finite".to_owned())
         } else if sigmas.iter().any(|sigma| *sigma <= 0.0) {
             Some("sigmas must be positive".to_owned())
         } else {
-            self.camera.as_ref().and_then(Camera::problem)
+            let pose = self.pose.as_ref().and_then(CameraPose::problem);
+            pose.or_else(|| self.camera.as_ref().and_then(Camera::problem))
         }
     }
 }

@@ -117,6 +117,16 @@ pub struct Sim3 {
     pub metric: bool,
 }
 
+impl Sim3 {
+    /// What is wrong with it, if anything.
+    pub fn problem(&self) -> Option<String> {
+        if !(self.scale.is_finite() && self.scale > 0.0) {
+            return Some(format!("the scale must be positive, got {}", self.scale));
+        }
+        pose_problem(&self.translation, &self.rotation)
+    }
+}
+
 /// Exactly one way to change the frame of a map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -161,6 +171,28 @@ pub struct CameraPose {
     /// map's.
     #[schema(min_items = 4, max_items = 4)]
     pub orientation: [f64; 4],
+}
+
+impl CameraPose {
+    /// What is wrong with it, if anything.
+    pub fn problem(&self) -> Option<String> {
+        pose_problem(&self.position, &self.orientation)
+    }
+}
+
+/// A quaternion may be written with few digits.
+const MAX_NORM_ERROR: f64 = 1e-3;
+
+/// What keeps a position and a quaternion from being a pose, if anything.
+pub(crate) fn pose_problem(position: &[f64; 3], orientation: &[f64; 4]) -> Option<String> {
+    let norm = orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if !position.iter().chain([&norm]).all(|v| v.is_finite()) {
+        Some("numbers must be finite".to_owned())
+    } else if (norm - 1.0).abs() > MAX_NORM_ERROR {
+        Some(format!("the rotation must be a unit quaternion w, x, y, z, its length is {norm}"))
+    } else {
+        None
+    }
 }
 
 /// Whether an image found its place.
@@ -281,4 +313,30 @@ pub struct PhotoLight {
     pub is_blurred: bool,
     /// Whether the light is another one than when the map was made.
     pub is_other_light: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CameraMount;
+
+    #[test]
+    fn a_pose_is_a_finite_place_and_a_unit_quaternion() {
+        assert_eq!(CameraMount::default().problem(), None);
+        // Few digits are enough.
+        let pose = CameraPose { position: [1.0, 2.0, 3.0], orientation: [0.707, 0.0, 0.707, 0.0] };
+        assert_eq!(pose.problem(), None);
+        for (position, orientation) in [
+            ([f64::NAN, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]),
+            ([0.0; 3], [1.0, 1.0, 0.0, 0.0]),
+            ([0.0; 3], [0.0; 4]),
+            ([0.0; 3], [f64::INFINITY, 0.0, 0.0, 0.0]),
+            ([0.0; 3], [1.0, f64::NAN, 0.0, 0.0]),
+        ] {
+            assert!(
+                pose_problem(&position, &orientation).is_some(),
+                "{position:?} {orientation:?}"
+            );
+        }
+    }
 }

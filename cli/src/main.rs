@@ -17,7 +17,6 @@ mod remote;
 mod serve;
 mod simulate;
 mod upload;
-mod wire;
 mod worker;
 
 use std::process::ExitCode;

@@ -19,7 +19,6 @@ use crate::{
     localize::{self, Answer, AnswerResult},
     output::{Ending, Outcome, print_json},
     serve::runtime,
-    wire::wire_camera,
 };
 
 /// A failure of the SDK as one of the command line.
@@ -199,7 +198,7 @@ pub(crate) fn export(
 pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool) -> Outcome {
     let files = input::photos(&args.paths)?;
     let camera = args.camera.as_deref().map(input::camera).transpose()?;
-    let camera = camera.as_ref().map(wire_camera);
+    let camera = camera.map(volery_api::Camera::from);
     let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
     let server = ServerArgs { server: server.to_owned(), token: args.token.clone() };
     with_server(&server, async |client| {

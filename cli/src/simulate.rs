@@ -19,7 +19,6 @@ use crate::{
     output::{Ending, Outcome},
     remote::failed,
     serve::{runtime, signalled},
-    wire::wire_camera,
 };
 
 /// Stamps of MAVLink's signatures count from 2015 in units of 10 µs.
@@ -131,7 +130,7 @@ fn feed(
         (Some(map_id), _) => {
             let server = &args.server;
             let client = Client::new(&server.server, server.token.as_deref()).map_err(failed)?;
-            let camera = wire_camera(&CameraSpec::from(&camera(args)?));
+            let camera = CameraSpec::from(&camera(args)?).into();
             FrameSink::Stream(StreamTarget { client, map_id, camera })
         }
         (None, Some(address)) => FrameSink::Mjpeg(address),

@@ -4,14 +4,13 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use volery_api::{CreateJob, Prior, UploadStatus};
 use volery_client::UploadFile;
-use volery_pipeline::PipelineError;
+use volery_pipeline::{PipelineError, wire};
 
 use crate::{
     args::UploadArgs,
     input,
     output::{Ending, Outcome, print_json},
     remote::{bar, ending_of, failed, job_line, watch, with_server},
-    wire::{wire_camera, wire_priors},
 };
 
 /// What is known of the photos: telemetry, and the poses and cameras of a model.
@@ -26,10 +25,11 @@ fn priors_of(
         let names = files.iter().map(|file| file.name.clone()).collect();
         for (name, (pose, camera)) in input::model(path, names)?.images {
             known.entry(name.clone()).or_default().pose = Some(pose);
-            cameras.insert(name, wire_camera(&camera));
+            cameras.insert(name, camera.into());
         }
     }
-    let mut priors = wire_priors(known.iter().map(|(name, prior)| (name.as_str(), prior)));
+    let mut priors: BTreeMap<String, Prior> =
+        known.iter().map(|(name, prior)| (name.clone(), wire::prior(prior))).collect();
     for (name, camera) in cameras {
         priors.entry(name).or_default().camera = Some(camera);
     }
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &UploadArgs, json: bool) -> Outcome {
                 let camera = match &camera {
                     Some(camera) => Some(
                         client
-                            .create_camera(&args.name, wire_camera(camera))
+                            .create_camera(&args.name, camera.clone().into())
                             .await
                             .map_err(failed)?
                             .id,

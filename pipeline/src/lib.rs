@@ -34,6 +34,7 @@ pub mod error;
 pub mod map_folder;
 pub mod spec;
 pub mod summary;
+pub mod wire;
 pub mod worker;
 
 pub use error::PipelineError;

@@ -11,12 +11,12 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 use volery_api::{
-    CameraMount, CreateFlight, Drone, DroneCommand, FenceBlock, Flight, FlightDrone, FlightGoal,
-    Geofence, PutDrone, VisionMessage,
+    CameraMount, CameraPose, CreateFlight, Drone, DroneCommand, FenceBlock, Flight, FlightDrone,
+    FlightGoal, Geofence, PutDrone, VisionMessage,
 };
 use volery_client::Client;
 use volery_geometry::{Camera, CameraModel, triangulation::camera_center};
-use volery_pipeline::{CameraSpec, PipelineError};
+use volery_pipeline::{CameraSpec, PipelineError, wire};
 use volery_simulator::shell::{
     Feed, FrameSink, Simulation, SimulationError, StreamTarget, Summary, simulate,
 };
@@ -24,7 +24,7 @@ use volery_simulator::{DroneOptions, Eye, Flavor, Mount, Scenery, Space};
 use volery_synthetic::DemoHall;
 
 use super::{mapping::Mapped, record::Recorder};
-use crate::{remote::failed, wire::wire_camera};
+use crate::remote::failed;
 
 /// Half axes of the ellipse around the middle of the scan on which drones start, meters.
 const AROUND: [f64; 2] = [2.0, 1.6];
@@ -82,7 +82,7 @@ impl Swarm {
         let target = StreamTarget {
             client: client.clone(),
             map_id,
-            camera: wire_camera(&CameraSpec::from(&camera)),
+            camera: CameraSpec::from(&camera).into(),
         };
         let simulation = Simulation {
             server: mavlink,
@@ -280,12 +280,8 @@ fn drones(hall: &DemoHall, num_drones: u8, seed: u64) -> Vec<DroneOptions> {
 }
 
 fn wire_mount(mount: &Mount) -> CameraMount {
-    let body_from_camera = mount.cam_from_body().inverse();
-    let q = body_from_camera.rotation;
-    CameraMount {
-        position: body_from_camera.translation.vector.into(),
-        orientation: [q.w, q.i, q.j, q.k],
-    }
+    let CameraPose { position, orientation } = wire::camera_pose(&mount.cam_from_body().inverse());
+    CameraMount { position, orientation }
 }
 
 /// Where a drone stands that can be flown.

@@ -8,7 +8,7 @@ use uuid::Uuid;
 use volery_api::{CreateJob, Job};
 use volery_client::{Client, LocalizeQuery};
 use volery_formats::{read_ply_of_mesh, read_poses_csv};
-use volery_pipeline::{CameraSpec, PipelineError, error::code};
+use volery_pipeline::{CameraSpec, PipelineError, error::code, wire};
 use volery_synthetic::{DemoHall, Photo, Shot};
 
 use super::{
@@ -19,7 +19,6 @@ use super::{
 use crate::{
     input,
     remote::{failed, watch},
-    wire::{wire_camera, wire_priors},
 };
 
 /// The painted surface, beside the report.
@@ -104,7 +103,7 @@ async fn localize(
     world_from_map: &volery_geometry::Similarity3<f64>,
 ) -> Result<QueryScore, PipelineError> {
     let image = input::read(&folder.join("query").join(&shot.name))?;
-    let camera = Some(wire_camera(&CameraSpec::from(hall.camera())));
+    let camera = Some(CameraSpec::from(hall.camera()).into());
     let query = LocalizeQuery { image, camera, ..LocalizeQuery::default() };
     let answer = client.localize(map_id, &query).await.map_err(failed)?;
     Ok(score::query(shot, &answer, world_from_map))
@@ -116,14 +115,15 @@ async fn reconstruct(
     folder: &DemoFolder,
     stages: &mut Stages,
 ) -> Result<Job, PipelineError> {
-    let camera = wire_camera(&CameraSpec::from(hall.camera()));
+    let camera = CameraSpec::from(hall.camera()).into();
     let camera = client.create_camera("demo", camera).await.map_err(failed)?;
     let set = client.create_imageset("demo scan", Some(camera.id)).await.map_err(failed)?;
     let scan = folder.join("scan");
     let files: Vec<_> =
         hall.scan.iter().map(|shot| scan.join(&shot.name).as_path().into()).collect();
     client.upload_files(set.id, &files, |_, _| {}).await.map_err(failed)?;
-    let priors = wire_priors(hall.scan.iter().map(|shot| (shot.name.as_str(), &shot.prior)));
+    let priors =
+        hall.scan.iter().map(|shot| (shot.name.clone(), wire::prior(&shot.prior))).collect();
     client.put_priors(set.id, priors).await.map_err(failed)?;
     stages.done("upload");
     let request = CreateJob {

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use nalgebra::{Isometry3, Point2, Point3, Quaternion, Similarity3, UnitQuaternion, Vector3};
+use nalgebra::{Point2, Point3, Similarity3, Vector3};
 use serde_json::{Value, json};
 use volery_api::{AlignRequest, ControlPoint};
 use volery_formats::{
@@ -22,6 +22,7 @@ use crate::{
     export::{bounds, write_files},
     map_folder::{MapInfo, file, read_map},
     moved::{self, MovedBy},
+    wire,
 };
 
 /// Error of a length measured by hand between two camera centers, meters.
@@ -116,14 +117,10 @@ fn similarity(
             ))
         }
         AlignRequest::Sim3(sim3) => {
-            let [w, i, j, k] = sim3.rotation;
-            let rotation = Quaternion::new(w, i, j, k);
-            if !((rotation.norm() - 1.0).abs() < 1e-3 && sim3.scale > 0.0 && sim3.scale.is_finite())
-            {
-                return Err(degenerate("the similarity needs a unit quaternion and a scale"));
+            if let Some(problem) = sim3.problem() {
+                return Err(degenerate(&problem));
             }
-            let rotation = UnitQuaternion::from_quaternion(rotation);
-            let pose = Isometry3::from_parts(Vector3::from(sim3.translation).into(), rotation);
+            let pose = wire::isometry(&sim3.translation, &sim3.rotation);
             map.scale.metric = sim3.metric;
             if !sim3.metric {
                 map.scale = Scale { metric: false, source: ScaleSource::Unknown, sigma_rel: None };

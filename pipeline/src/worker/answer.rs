@@ -3,8 +3,7 @@
 use volery_api::{Localization, LocalizeStatus, LocalizeTimings, PhotoLight, RenderScore, Rival};
 use volery_localization::{PoseEstimate, Status};
 
-use super::wire;
-use crate::map_folder::Located;
+use crate::{map_folder::Located, wire};
 
 /// The answer in the words of the API. `decode_ms` and `total_ms` are for the caller to add.
 pub fn localization(located: &Located) -> Localization {
@@ -37,7 +36,7 @@ pub fn localization(located: &Located) -> Localization {
         Status::Ok(estimate) => {
             reply.status = LocalizeStatus::Ok;
             reply.reason = None;
-            reply.pose = Some(wire::pose(&estimate.map_from_camera));
+            reply.pose = Some(wire::camera_pose(&estimate.map_from_camera));
             reply.covariance = Some(estimate.covariance.transpose().iter().copied().collect());
             add_support(&mut reply, estimate);
         }
@@ -47,7 +46,7 @@ pub fn localization(located: &Located) -> Localization {
             reply.rivals = estimates
                 .iter()
                 .map(|e| Rival {
-                    pose: wire::pose(&e.map_from_camera),
+                    pose: wire::camera_pose(&e.map_from_camera),
                     num_inliers: e.num_inliers as u32,
                 })
                 .collect();

@@ -14,7 +14,7 @@ use volery_api::{
 };
 use volery_scene::{Progress, Stage};
 
-use super::{parent, wire};
+use super::{job_spec::job_spec, parent};
 use crate::{
     MapSource, PipelineError, RegisterReport, Summary, error::code, extend_map, reconstruct,
     register_maps, summary::Warning,
@@ -74,7 +74,7 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
             photos: map.photos.iter().map(|photo| work_dir.join(photo)).collect(),
         })
         .collect();
-    let spec = wire::job_spec(spec, work_dir)?;
+    let spec = job_spec(spec, work_dir)?;
     let (cache, out) = (work_dir.join(CACHE_FOLDER), work_dir.join(OUT_FOLDER));
     match kind {
         JobKind::Reconstruct => {

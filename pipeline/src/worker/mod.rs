@@ -4,10 +4,10 @@ mod align;
 mod answer;
 mod image_work;
 mod job;
+mod job_spec;
 mod parent;
 mod requests;
 mod tracking;
-mod wire;
 
 pub use answer::{localization, not_found};
 pub use image_work::{Query, QueryError, query_image};

@@ -27,14 +27,13 @@ use volery_localization::{LocalizationPrior, LocalizeOptions};
 
 use super::{
     align::align_folder, answer::localization, image_work::query_image, parent, tracking::Trackers,
-    wire,
 };
 use crate::{
-    ForeignModel, PipelineError,
+    CameraSpec, ForeignModel, PipelineError,
     cache::write_atomic,
     error::code,
     map_folder::{MapFolder, read_map},
-    read_foreign_model,
+    read_foreign_model, wire,
 };
 
 /// Longest payload of a message, bytes: the largest photo that the decoder takes, and raw pixels.
@@ -253,14 +252,10 @@ fn draw(
         let detail = format!("{pixels} pixels are more than {MAX_RENDER_PIXELS}");
         return Err(failure("too_large", detail));
     }
-    let norm = render.pose.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let is_finite = render.pose.position.iter().all(|v| v.is_finite());
-    // False for NaN.
-    let is_unit = (norm - 1.0).abs() < 1e-3;
-    if !(is_finite && is_unit) {
-        return Err(failure("bad_pose", "a pose is a finite position and a unit quaternion"));
+    if let Some(problem) = render.pose.problem() {
+        return Err(failure("bad_pose", problem));
     }
-    let map_from_camera = wire::world_from_camera(&render.pose);
+    let map_from_camera = wire::isometry(&render.pose.position, &render.pose.orientation);
     let surface = map.surface().map_err(of_pipeline)?;
     let drawn = surface.draw(&camera, &map_from_camera.inverse());
     let (width, height) = (drawn.width, drawn.height);
@@ -291,13 +286,13 @@ fn read_model(
     }
     let ForeignModel { images, unknown } = read_foreign_model(&named, photos)?;
     let images = images.into_iter().map(|(name, (cam_from_world, camera))| {
-        (name, (wire::pose(&cam_from_world.inverse()), wire::to_wire(camera)))
+        (name, (wire::camera_pose(&cam_from_world.inverse()), camera.into()))
     });
     Ok(ModelPoses { images: images.collect(), unknown })
 }
 
 pub(super) fn camera_of(camera: &volery_api::Camera) -> Result<Camera, WorkerFailure> {
-    let spec = wire::camera(camera.clone()).map_err(of_pipeline)?;
+    let spec = CameraSpec::try_from(camera.clone()).map_err(of_pipeline)?;
     spec.camera().map_err(|e| failure("bad_camera", e.to_string()))
 }
 

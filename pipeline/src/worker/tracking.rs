@@ -18,9 +18,8 @@ use volery_tracking::{
 use super::{
     image_work::query_image,
     requests::{Maps, camera_of, failure, of_pipeline},
-    wire,
 };
-use crate::{map_folder::MapFolder, moved::MovedBy};
+use crate::{map_folder::MapFolder, moved::MovedBy, wire};
 
 /// Streams followed at a time; the least recently used goes first.
 const MAX_STREAMS: usize = 64;
@@ -180,7 +179,7 @@ fn tracked_frame(answer: TrackAnswer, moved: Option<&MovedBy>) -> TrackedFrame {
         if let Some(moved) = moved {
             moved.move_pose(&mut pose.map_from_camera, &mut pose.covariance);
         }
-        reply.pose = Some(wire::pose(&pose.map_from_camera));
+        reply.pose = Some(wire::camera_pose(&pose.map_from_camera));
         reply.covariance = Some(pose.covariance.transpose().iter().copied().collect());
         reply.source = Some(match pose.source {
             PoseSource::Klt => TrackSource::Klt,

@@ -17,4 +17,4 @@ pub(crate) use leases::LeaseRefusal;
 pub(crate) use news::DroneNews;
 pub(crate) use orders::NotCommanded;
 pub(crate) use service::Drones;
-pub(crate) use wire::{is_mount, key as parse_key};
+pub(crate) use wire::key as parse_key;

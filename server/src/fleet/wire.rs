@@ -210,12 +210,6 @@ fn isometry(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Isometry3<f64> {
     Isometry3::from_parts(position.into(), UnitQuaternion::new_normalize(rotation))
 }
 
-/// Whether a mount is a place and a rotation.
-pub(crate) fn is_mount(mount: &CameraMount) -> bool {
-    let norm = mount.orientation.iter().map(|v| v * v).sum::<f64>().sqrt();
-    (norm - 1.0).abs() < 1e-3 && mount.position.iter().all(|v| v.is_finite())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -237,7 +231,5 @@ mod tests {
         assert!((ahead - volery_geometry::Vector3::y()).norm() < 1e-12, "{ahead}");
         assert!((fix.position_sd - 0.02).abs() < 1e-12 && (fix.angle_sd - 0.01).abs() < 1e-12);
         assert!(camera_fix(&camera, None, Some(mount), Duration::ZERO, 0).is_none());
-        assert!(is_mount(&mount) && is_mount(&CameraMount::default()));
-        assert!(!is_mount(&CameraMount { orientation: [1.0, 1.0, 0.0, 0.0], ..mount }));
     }
 }

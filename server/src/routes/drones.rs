@@ -15,7 +15,7 @@ use crate::{
     auth::{Admin, Pilot, Stopper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
-    fleet::{Drones, NotCommanded, is_mount, parse_key},
+    fleet::{Drones, NotCommanded, parse_key},
     state::App,
 };
 
@@ -68,9 +68,8 @@ pub(crate) async fn put_drone(
         let code = Code::Unprocessable("bad_signing_key");
         return Err(ApiError::new(code, "a signing key has 64 hex digits"));
     }
-    if !is_mount(&drone.body_from_camera) {
-        let code = Code::Unprocessable("bad_camera_mount");
-        return Err(ApiError::new(code, "a mount has a place and a unit quaternion w, x, y, z"));
+    if let Some(problem) = drone.body_from_camera.problem() {
+        return Err(ApiError::new(Code::Unprocessable("bad_camera_mount"), problem));
     }
     if id == 0 || id == 255 {
         let code = Code::Unprocessable("bad_system_id");

@@ -56,8 +56,7 @@ pub(crate) async fn export(
         return Err(ApiError::new(Code::NotFound, format!("there is no export {name:?}"))
             .hint(format!("there are {}", EXPORTS.join(", "))));
     }
-    let version = app.store.version(id, query.version).await?;
-    answer_export(&app, &version, &name, &headers).await
+    answer_export(&app, id, query, &name, &headers).await
 }
 
 /// The points of a map as PLY.
@@ -73,8 +72,7 @@ pub(crate) async fn map_points(
     Asked(query): Asked<VersionQuery>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let version = app.store.version(id, query.version).await?;
-    answer_export(&app, &version, "sparse.ply", &headers).await
+    answer_export(&app, id, query, "sparse.ply", &headers).await
 }
 
 /// Where the air of a map is free: `VOLOCC01`, then as f64 the rotation of the grid in the map
@@ -93,21 +91,22 @@ pub(crate) async fn map_free_space(
     Asked(query): Asked<VersionQuery>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let version = app.store.version(id, query.version).await?;
-    answer_export(&app, &version, "freespace.bin", &headers).await
+    answer_export(&app, id, query, "freespace.bin", &headers).await
 }
 
 async fn answer_export(
     app: &Arc<App>,
-    version: &MapVersion,
+    map: Uuid,
+    query: VersionQuery,
     name: &str,
     headers: &HeaderMap,
 ) -> ApiResult<Response> {
+    let version = app.store.version(map, query.version).await?;
     let name = if name == "points.ply" { "sparse.ply" } else { name };
     let held = version.files.iter().find(|file| file.path == name);
     let etag = match held {
         Some(file) => file.sha256.clone(),
-        None => build(app, version, name).await?.sha256,
+        None => build(app, &version, name).await?.sha256,
     };
     let file = FileAnswer { path: app.blobs.path(&etag), etag, media_type: media_type_of(name) };
     answer_file(file, headers).await

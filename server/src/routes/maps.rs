@@ -185,16 +185,7 @@ fn check_align(align: &AlignRequest) -> ApiResult<()> {
         {
             bad("the distance must be positive")
         }
-        AlignRequest::Sim3(sim3) => {
-            let norm: f64 = sim3.rotation.iter().map(|value| value * value).sum::<f64>().sqrt();
-            if !(sim3.scale.is_finite() && sim3.scale > 0.0) {
-                bad("the scale must be positive")
-            } else if !norm.is_finite() || (norm - 1.0).abs() > 1e-3 {
-                bad("the rotation must be a unit quaternion w, x, y, z")
-            } else {
-                Ok(())
-            }
-        }
+        AlignRequest::Sim3(sim3) => sim3.problem().map_or(Ok(()), |problem| bad(&problem)),
         AlignRequest::ControlPoints(points) if points.len() < 3 => {
             bad("at least three surveyed points are needed")
         }
