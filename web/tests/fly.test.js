@@ -96,6 +96,25 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   assert.ok(Math.hypot(px - place[0], py - place[1]) < 0.3, `arrived at ${px}, ${py}`);
   serious.push(...await inspect(page, 'fly-arrived'));
 
+  // In the air it goes on to the next target by a way of its own: refused first, then flown.
+  await page.getByRole('button', { name: 'New flight' }).click();
+  await type('x of Wren', center[0] + 9);
+  await page.getByRole('button', { name: 'Plan and check' }).click();
+  const checks = page.getByRole('list', { name: 'Checks' });
+  await checks.getByText('The drone can be steered').waitFor();
+  assert.match(await checks.locator('.bad').textContent(), /fence/);
+  assert.ok(await page.getByRole('button', { name: 'Fly', exact: true }).isDisabled());
+  serious.push(...await inspect(page, 'fly-target-refused'));
+  await type('x of Wren', center[0].toFixed(2));
+  await page.getByRole('button', { name: 'Plan and check' }).click();
+  await checks.getByText('Inside the fence').waitFor();
+  const before = (await stateOf(1)).estimate.position;
+  assert.ok(Math.hypot(before[0] - px, before[1] - py) < 0.2, 'a plan moves nobody');
+  serious.push(...await inspect(page, 'fly-target'));
+  await page.getByRole('button', { name: 'Fly', exact: true }).click();
+  await page.getByText('Arrived').waitFor();
+  assert.ok(Math.abs((await stateOf(1)).estimate.position[0] - center[0]) < 0.3);
+
   // A group, stopped on its way by the keys.
   await page.getByRole('button', { name: 'New flight' }).click();
   await type('x of Wren', (center[0] - 2).toFixed(2));

@@ -15,7 +15,7 @@ import {
   SphereGeometry,
   Vector3,
 } from 'three';
-import type { FenceBlock, Flight, Geofence } from '../api/types';
+import type { FenceBlock, FlightLeg, Geofence } from '../api/types';
 import { colorOf } from './drones';
 import { UP, vector } from './frames';
 import type { MapScene } from './scene';
@@ -63,9 +63,16 @@ export function showAims(scene: MapScene, aims: readonly Aim[], floor: number): 
   }));
 }
 
+/** The planned way of a drone. */
+export interface Way {
+  id: number;
+  start: readonly number[];
+  legs: readonly FlightLeg[];
+}
+
 /** The legs of a plan: a line each, with a mark where a leg ends. */
-export function showPlan(scene: MapScene, flight: Flight | null): void {
-  put(scene, 'plan', (flight?.drones ?? []).flatMap(({ id, start, legs }) => {
+export function showPlan(scene: MapScene, ways: readonly Way[]): void {
+  put(scene, 'plan', ways.flatMap(({ id, start, legs }) => {
     const color = colorOf(id);
     const places = [start, ...legs.map((leg) => leg.to)].map(vector);
     const stops = new Mesh(new SphereGeometry(0.04, 12, 8), new MeshBasicMaterial({ color }));

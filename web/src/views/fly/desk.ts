@@ -2,8 +2,8 @@
 import { computed, signal } from '@preact/signals';
 import { Vector3 } from 'three';
 import { get, post, put, request } from '../../api/client';
-import type { FenceBlock, Flight, Geofence, MapVersion } from '../../api/types';
-import type { Aim } from '../../map3d/flight-layers';
+import type { FenceBlock, Flight, Geofence, MapVersion, Target } from '../../api/types';
+import type { Aim, Way } from '../../map3d/flight-layers';
 import { FreeSpace } from '../../map3d/free-space';
 import { vector } from '../../map3d/frames';
 import { boundsOf } from '../../map3d/map-layers';
@@ -37,6 +37,14 @@ export class Desk {
   readonly exchange = signal(false);
   /** Planned or flying. */
   readonly flight = signal<Flight | null>(null);
+  /** The way of one drone in the air to its target, not flown yet. */
+  readonly target = signal<Target | null>(null);
+  /** What is drawn. */
+  readonly ways = computed<readonly Way[]>(() => {
+    const target = this.target.value;
+    if (target) return [{ id: target.drone, start: target.start.position, legs: target.legs }];
+    return this.flight.value?.drones ?? [];
+  });
   readonly refusal = signal<unknown>(null);
   readonly busy = signal(false);
   /** As the service has it; `null`: none. */
@@ -100,13 +108,19 @@ export class Desk {
     const old = this.flight.value;
     if (this.active.value) return;
     this.flight.value = null;
+    this.target.value = null;
     this.refusal.value = null;
     if (old?.state === 'ready') void this.wish('abort', old).catch(() => {});
   }
 
   async plan(): Promise<void> {
     this.forgetPlan();
+    const [aim, ...others] = this.aims.value;
     await this.during(async () => {
+      if (aim && others.length === 0 && fleet.get(aim.drone)?.state?.flying) {
+        this.target.value = await this.flyTo(aim, true);
+        return;
+      }
       this.flight.value = await post('/v1/flights', {
         map_id: this.mapId,
         drones: this.crew(),
@@ -115,6 +129,23 @@ export class Desk {
         exchange_goals: this.exchange.value,
       });
     });
+  }
+
+  /** Flies the way that was shown, as it is planned from where the drone is now. */
+  async flyTarget(): Promise<void> {
+    const [aim] = this.aims.value;
+    if (!aim) return;
+    await this.during(async () => {
+      const { flight_id: id } = await this.flyTo(aim, false);
+      this.target.value = null;
+      if (id) this.flight.value = await get('/v1/flights/{id}', { at: { id } });
+    });
+  }
+
+  private flyTo({ drone, position, yaw }: Aim, dry_run: boolean): Promise<Target> {
+    const [speed, separation_m] = [this.speed.value, this.separation.value];
+    const body = { map_id: this.mapId, position: [...position], yaw, speed, separation_m, dry_run };
+    return post('/v1/drones/{id}/target', body, { at: { id: drone } });
   }
 
   /** Those with targets, and those in the air, who stay where they are. */

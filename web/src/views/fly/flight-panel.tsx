@@ -1,7 +1,7 @@
 import { useEffect } from 'preact/hooks';
 import { explain } from '../../api/client';
 import { subscribe } from '../../api/socket';
-import type { Flight } from '../../api/types';
+import type { Flight, FlightLeg, Target } from '../../api/types';
 import { colorOf } from '../../map3d/drones';
 import { fleet, fleetTick, nameOf } from '../../state/fleet';
 import { toastError } from '../../state/toasts';
@@ -18,6 +18,7 @@ export function FlightPanel({ desk }: { desk: Desk }) {
     <>
       {!desk.active.value && <Targets desk={desk} />}
       {desk.refusal.value !== null && <Refused error={desk.refusal.value} />}
+      {desk.target.value && <TargetCard desk={desk} target={desk.target.value} />}
       {flight && <FlightCard key={flight.id} desk={desk} flight={flight} />}
     </>
   );
@@ -74,7 +75,7 @@ function Targets({ desk }: { desk: Desk }) {
           Drones may exchange their targets
         </label>
       )}
-      <button type="button" class={desk.flight.value ? '' : 'primary'} disabled={aims.length === 0 || desk.busy.value} onClick={() => void desk.plan()}>
+      <button type="button" class={desk.flight.value || desk.target.value ? '' : 'primary'} disabled={aims.length === 0 || desk.busy.value} onClick={() => void desk.plan()}>
         <Icon name="target" /> {desk.busy.value ? 'Planning …' : 'Plan and check'}
       </button>
       <p class="muted">Nothing flies before you press Fly. Others in the air stay where they are.</p>
@@ -139,6 +140,42 @@ function Refused({ error }: { error: unknown }) {
   );
 }
 
+/** What the service checked, in words; what it says of a rule that is broken is its own. */
+const PASSED: Record<string, string> = {
+  map_metric: 'The map is in meters',
+  geofence: 'Inside the fence',
+  free_space: 'All of the way is seen and free',
+  separation: 'Apart from all others in the air',
+  limits: 'Not too fast',
+  drone: 'The drone can be steered',
+};
+
+/** One drone that hovers, and the way to its target. */
+function TargetCard({ desk, target }: { desk: Desk; target: Target }) {
+  const checks = target.checks.map(({ rule, state, detail }): Check => {
+    if (state === 'passed') return { level: 'good', words: PASSED[rule] ?? rule };
+    if (state === 'failed') return { level: 'bad', words: detail ?? rule };
+    return { level: 'warn', words: 'The map says nothing about free space: look at the way yourself' };
+  });
+  const { turn } = target;
+  return (
+    <section class="stack flight" aria-label="Flight">
+      <div class="row">
+        <h2>Planned</h2>
+        <span class="num muted">
+          {turn != null && `${Math.abs(turn * DEG).toFixed(0)}° ${turn < 0 ? 'right' : 'left'} of its front, `}
+          {target.duration_s.toFixed(1)} s
+        </span>
+      </div>
+      <Checks checks={checks} />
+      <button type="button" class="primary" disabled={desk.busy.value || checks.some(({ level }) => level === 'bad')} onClick={() => void desk.flyTarget()}>
+        <Icon name="play" /> Fly
+      </button>
+      <Legs ways={[{ id: target.drone, legs: target.legs }]} clock={null} />
+    </section>
+  );
+}
+
 function FlightCard({ desk, flight }: { desk: Desk; flight: Flight }) {
   const { active } = desk;
   useEffect(() => {
@@ -180,7 +217,7 @@ function FlightCard({ desk, flight }: { desk: Desk; flight: Flight }) {
           <button type="button" onClick={() => wish('abort')}><Icon name="stop" /> Abort and land</button>
         </div>
       )}
-      <Legs flight={flight} />
+      <Legs ways={flight.drones} clock={flight.state === 'running' ? flight.clock_s : null} />
       {flight.events.length > 0 && <News flight={flight} />}
       {over && <button type="button" onClick={() => { desk.aims.value = []; desk.forgetPlan(); }}>New flight</button>}
     </section>
@@ -206,17 +243,24 @@ function Checks({ checks }: { checks: Check[] }) {
   );
 }
 
-function Legs({ flight }: { flight: Flight }) {
+interface WayRows {
+  id: number;
+  legs: readonly FlightLeg[];
+  taken_out?: boolean;
+}
+
+/** `clock`: seconds on the plan that is flown. */
+function Legs({ ways, clock }: { ways: readonly WayRows[]; clock: number | null }) {
   return (
     <table class="legs num">
       <thead>
         <tr><th>Drone</th><th>Leg</th><th>Seconds</th><th>To</th></tr>
       </thead>
       <tbody>
-        {flight.drones.flatMap(({ id, legs, taken_out }) => {
+        {ways.flatMap(({ id, legs, taken_out }) => {
           const rows = legs.length > 0 ? legs : [null];
           return rows.map((leg, k) => {
-            const now = leg && flight.state === 'running' && flight.clock_s >= leg.start_s && flight.clock_s < leg.end_s;
+            const now = leg && clock !== null && clock >= leg.start_s && clock < leg.end_s;
             return (
               <tr key={`${id}/${k}`} aria-current={now ? 'step' : undefined}>
                 <td>{k === 0 && <><span class="swatch" style={{ background: colorOf(id) }} /> {nameOf(id)}{taken_out && ' (out)'}</>}</td>

@@ -56,7 +56,7 @@ export function Stage({ version, maps }: { version: MapVersion; maps: PlaceMap[]
       onFleet(drawDrones),
       scene.onClick(({ hits, event }) => clicked(desk, scene, hits, event)),
       effect(() => showAims(scene, desk.aims.value, desk.floor)),
-      effect(() => showPlan(scene, desk.flight.value)),
+      effect(() => showPlan(scene, desk.ways.value)),
       effect(() => showFence(scene, desk.draft.value ?? desk.fence.value)),
       effect(() => showOutline(scene, desk.drawing.value?.corners ?? [], desk.floor)),
     ];
