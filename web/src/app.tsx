@@ -8,6 +8,7 @@ import { Fly } from './views/fly/fly';
 import { Jobs } from './views/jobs/jobs';
 import { Maps } from './views/maps/maps';
 import { Photos } from './views/photos/photos';
+import { Start } from './views/start';
 
 export function App() {
   return (
@@ -18,6 +19,8 @@ export function App() {
 function View() {
   const { area, rest } = place.value;
   switch (area) {
+    case 'start':
+      return <Start />;
     case 'photos':
       return <Photos rest={rest} />;
     case 'jobs':

@@ -115,6 +115,12 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   await page.getByText('Arrived').waitFor();
   assert.ok(Math.abs((await stateOf(1)).estimate.position[0] - center[0]) < 0.3);
 
+  // While drones are in the air, the start shows them.
+  const start = await page.context().newPage();
+  await start.goto(`/#token=${station.token}`);
+  await start.getByText('Wren').first().waitFor();
+  await start.close();
+
   // A group, stopped on its way by the keys.
   await page.getByRole('button', { name: 'New flight' }).click();
   await type('x of Wren', (center[0] - 2).toFixed(2));

@@ -8,52 +8,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import IO, Any, Dict, List
 
 import numpy as np
 import pytest
 from support.room import Room, Scan, camera, pose
-from support.server import PATIENCE, Field, Server, until
+from support.script import PACKAGE, Script
+from support.server import Field, Server, until
 
 from volery import Client, Map
 from volery.photos import png
 
-HERE = Path(__file__).parents[1]
-EXAMPLES = HERE / "examples"
-
-
-class Script:
-    """An example that runs."""
-
-    def __init__(self, server: Server, log: Path, name: str, *arguments: str) -> None:
-        environment: Dict[str, str] = server.environment()
-        environment["PYTHONPATH"] = str(HERE / "src")
-        self.log = log
-        self._out: IO[Any] = log.open("w")
-        command: List[str] = [sys.executable, "-u", str(EXAMPLES / name), *arguments]
-        self.process = subprocess.Popen(
-            command, stdout=self._out, stderr=subprocess.STDOUT, env=environment
-        )
-
-    def said(self) -> str:
-        """What it said so far."""
-        return self.log.read_text()
-
-    def until_said(self, words: str) -> None:
-        """Waits for words."""
-
-        def look() -> bool:
-            ended = self.process.poll() is not None
-            assert words in self.said() or not ended, self.said()
-            return words in self.said()
-
-        until(look, f"the script says {words!r}", 2 * PATIENCE)
-
-    def finish(self) -> str:
-        """Waits for its end, which must be a good one, and gives what it said."""
-        code = self.process.wait(3 * PATIENCE)
-        assert code == 0, self.said()
-        return self.said()
+EXAMPLES = PACKAGE / "examples"
 
 
 def test_scan_and_map(server: Server, photos: Scan, room: Room, tmp_path: Path) -> None:
@@ -65,7 +30,7 @@ def test_scan_and_map(server: Server, photos: Scan, room: Room, tmp_path: Path) 
     said = Script(
         server,
         tmp_path / "log",
-        "scan_and_map.py",
+        EXAMPLES / "scan_and_map.py",
         str(photos.folder),
         known,
         str(tmp_path / "new.png"),
@@ -77,7 +42,9 @@ def test_scan_and_map(server: Server, photos: Scan, room: Room, tmp_path: Path) 
 
 def test_follow_pose(server: Server, hall: Map, room: Room, field: Field, tmp_path: Path) -> None:
     with hall.stream(camera(), track=True, drone=field.ids[0]) as stream:
-        script = Script(server, tmp_path / "log", "follow_pose.py", str(field.ids[0]), "5")
+        script = Script(
+            server, tmp_path / "log", EXAMPLES / "follow_pose.py", str(field.ids[0]), "5"
+        )
         step = 0
         while script.process.poll() is None and step < 200:
             step += 1
@@ -93,7 +60,7 @@ def test_follow_pose(server: Server, hall: Map, room: Room, field: Field, tmp_pa
 def test_group_flight(
     server: Server, client: Client, hall: Map, field: Field, tmp_path: Path
 ) -> None:
-    script = Script(server, tmp_path / "log", "group_flight.py", *map(str, field.ids))
+    script = Script(server, tmp_path / "log", EXAMPLES / "group_flight.py", *map(str, field.ids))
     script.until_said("at the corners")
     corners = [(-1.5, -1.5, 1.0), (1.5, 0.0, 1.0), (-1.5, 1.5, 1.0)]
     for drone, corner in zip(field.ids, corners):
@@ -110,7 +77,7 @@ def test_group_flight(
 def test_a_killed_script_holds_its_drones(
     server: Server, client: Client, hall: Map, field: Field, tmp_path: Path
 ) -> None:
-    script = Script(server, tmp_path / "log", "group_flight.py", *map(str, field.ids))
+    script = Script(server, tmp_path / "log", EXAMPLES / "group_flight.py", *map(str, field.ids))
     script.until_said("s, never nearer")
     until(lambda: sum(field.speed(drone) > 0.4 for drone in field.ids) >= 2, "they fly")
     script.process.send_signal(signal.SIGKILL)
@@ -132,7 +99,14 @@ def test_survey_grid(
     area = f"{x},{y},{x + 0.5},{y + 0.5}"
     table = tmp_path / "positions.csv"
     Script(
-        server, tmp_path / "log", "survey_grid.py", str(drone), area, "0.5", "0.8", str(table)
+        server,
+        tmp_path / "log",
+        EXAMPLES / "survey_grid.py",
+        str(drone),
+        area,
+        "0.5",
+        "0.8",
+        str(table),
     ).finish()
     rows = np.genfromtxt(table, delimiter=",", skip_header=1)
     wanted = [(x, y, 0.8), (x, y + 0.5, 0.8), (x + 0.5, y + 0.5, 0.8), (x + 0.5, y, 0.8)]
@@ -154,7 +128,7 @@ def test_examples_are_tried(example: str) -> None:
 def test_a_wheel_is_built(tmp_path: Path) -> None:
     pytest.importorskip("build")
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", str(tmp_path)]
-    done = subprocess.run([*command, str(HERE)], capture_output=True, text=True)
+    done = subprocess.run([*command, str(PACKAGE)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = tmp_path.glob("volery-*-py3-none-any.whl")
     check = "import volery, os; print(volery.__file__); volery.Client('http://127.0.0.1:1')"

@@ -7,9 +7,9 @@ export type Area = (typeof AREAS)[number];
 const path = signal(location.pathname);
 
 /** `/maps/4711/x` is `{area: 'maps', rest: ['4711', 'x']}`. */
-export const place = computed<{ area: Area | null; rest: string[] }>(() => {
+export const place = computed<{ area: Area | 'start' | null; rest: string[] }>(() => {
   const [first = '', ...rest] = path.value.split('/').filter(Boolean).map(decodeURIComponent);
-  if (first === '') return { area: 'photos', rest: [] };
+  if (first === '') return { area: 'start', rest: [] };
   const area = AREAS.find((name) => name === first) ?? null;
   return { area, rest };
 });

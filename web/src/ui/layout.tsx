@@ -24,7 +24,7 @@ export function Layout({ children }: { children: ComponentChildren }) {
         Skip to content
       </a>
       <header class="top">
-        <a class="brand" href="/" aria-label="Volery, start">
+        <a class="brand" href="/" aria-label="Volery, start" aria-current={area === 'start' ? 'page' : undefined}>
           <svg width="22" height="22" viewBox="0 0 32 32" aria-hidden="true">
             <path d="M4 7l12 19L28 7l-12 6z" />
           </svg>

@@ -1,4 +1,4 @@
-import { useState } from 'preact/hooks';
+import { useEffect, useState } from 'preact/hooks';
 import { list, post, remove } from '../../api/client';
 import type { ImageSet } from '../../api/types';
 import { useLoad } from '../../state/load';
@@ -15,10 +15,17 @@ import '../../styles/photos.css';
 
 const ACCEPT = '.jpg,.jpeg,.png,.zip,.csv,.json,image/jpeg,image/png';
 
+const LOOK_EVERY_MS = 5000;
+
 /** All image sets; files that are dropped become a new one. */
 export function SetList() {
   const { data, error, reload } = useLoad(() => list('/v1/imagesets'), []);
   const [leaving, setLeaving] = useState<ImageSet | null>(null);
+  useEffect(() => {
+    // Scripts and others bring photos, too.
+    const timer = setInterval(() => document.hidden || reload(), LOOK_EVERY_MS);
+    return () => clearInterval(timer);
+  }, []);
   const make = async (files: File[]) => {
     try {
       const set = await post('/v1/imagesets', { name: nameFor(files) });
