@@ -139,7 +139,7 @@ impl Rays {
             let (column, row) = (block % columns, block / columns);
             let start = row * (columns + 1) + column;
             let four = [0, 1, columns + 1, columns + 2].map(|k| corners[start + k]);
-            let is_blended = !is_linear && is_bilinear(camera, &four, [column, row]);
+            let is_blended = is_linear || is_bilinear(camera, &four, [column, row]);
             let (mut xs, mut ys) = ([f32::NAN; LANES], [f32::NAN; LANES]);
             for lane in 0..LANES {
                 let (i, j) = (lane % BLOCK, lane / BLOCK);

@@ -20,9 +20,9 @@ const MAX_SPACING: f64 = 0.4;
 /// Most places along each axis, to both sides.
 const MAX_STEPS: i32 = 5;
 /// Places that are centered, the most alike first.
-const NUM_CENTERED: usize = 8;
+const NUM_CENTERED: usize = 4;
 /// Moves of one place.
-const MAX_MOVES: usize = 5;
+const MAX_MOVES: usize = 3;
 /// Sizes of the template (P66): the steps between them move a camera by a part of the depth.
 const SIZES: [f64; 5] = [0.82, 0.91, 1.0, 1.1, 1.21];
 /// How far one move reaches, pixels.
@@ -55,13 +55,17 @@ pub(crate) struct Area {
 }
 
 pub(crate) fn search(key: &KeyView, level: &Level, area: &Area) -> Candidates {
-    let template = middle_of(&level.normalized, 1.0).unwrap_or_else(|| level.normalized.clone());
+    let templates: Vec<Template> =
+        SIZES.iter().filter_map(|&size| Template::of(&level.normalized, size)).collect();
+    let Some(template) = templates.iter().find(|template| template.size == 1.0) else {
+        return Candidates { found: Vec::new(), num_places: 0 };
+    };
     let places = places(area, key.median_depth);
     let mut found: Vec<Candidate> = places
         .iter()
         .map(|cam_from_world| {
             let (view, _) = key.view(&level.camera, cam_from_world);
-            let place = best_place(&template, &view, area.similarity);
+            let place = best_place(&template.image, &view, area.similarity);
             let score = place.map_or(0.0, |place| place.score);
             Candidate { cam_from_world: *cam_from_world, score }
         })
@@ -69,7 +73,7 @@ pub(crate) fn search(key: &KeyView, level: &Level, area: &Area) -> Candidates {
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found.truncate(NUM_CENTERED);
     let mut centered: Vec<Candidate> =
-        found.iter().map(|candidate| center(key, level, candidate, area.similarity)).collect();
+        found.iter().map(|start| center(key, &level.camera, &templates, start, area)).collect();
     centered.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut distinct: Vec<Candidate> = Vec::new();
     for candidate in centered {
@@ -120,18 +124,22 @@ fn at(cam_from_world: &Isometry3<f64>, center: &Point3<f64>) -> Isometry3<f64> {
 
 /// Moves a camera sideways until the template stands in the middle of its view, and along its axis
 /// until both have the same size (P68, P70).
-fn center(key: &KeyView, level: &Level, start: &Candidate, similarity: Similarity) -> Candidate {
-    let camera = &level.camera;
+fn center(
+    key: &KeyView,
+    camera: &Camera,
+    templates: &[Template],
+    start: &Candidate,
+    area: &Area,
+) -> Candidate {
     let mut best = Candidate { score: 0.0, ..*start };
     let mut cam_from_world = start.cam_from_world;
     for _ in 0..MAX_MOVES {
         let (view, depth) = key.view(camera, &cam_from_world);
         let mut at_best: Option<(Place, f64, [u32; 2])> = None;
-        for size in SIZES {
-            let Some(template) = middle_of(&level.normalized, size) else { continue };
-            let Some(place) = place_near_middle(&template, &view, similarity) else { continue };
+        for Template { size, image } in templates {
+            let Some(place) = place_near_middle(image, &view, area.similarity) else { continue };
             if at_best.is_none_or(|(other, ..)| place.score > other.score) {
-                at_best = Some((place, size, [template.width(), template.height()]));
+                at_best = Some((place, *size, [image.width(), image.height()]));
             }
         }
         let Some((place, size, [width, height])) = at_best else { break };
@@ -187,21 +195,27 @@ fn depth_under(depth: &[f32], camera: &Camera, place: &Place, size: [u32; 2]) ->
 }
 
 /// The middle of the photo, `size` times as large.
-fn middle_of(image: &GrayImage, size: f64) -> Option<GrayImage> {
-    let part = |v: u32| f64::from(v) * TEMPLATE_PART;
-    let scaled = |v: u32| (part(v) * size).round() as u32;
-    let (width, height) = (scaled(image.width()), scaled(image.height()));
-    let mut pixels = Vec::with_capacity(width as usize * height as usize);
-    for y in 0..height {
-        for x in 0..width {
-            let from = |at: u32, out: u32, whole: u32| {
-                let offset = (f64::from(at) + 0.5 - f64::from(out) / 2.0) / size;
-                (f64::from(whole) / 2.0 + offset) as f32
-            };
-            let [value, ..] =
-                sample(image, from(x, width, image.width()), from(y, height, image.height()))?;
-            pixels.push((value + 0.5) as u8);
+struct Template {
+    size: f64,
+    image: GrayImage,
+}
+
+impl Template {
+    fn of(photo: &GrayImage, size: f64) -> Option<Self> {
+        let scaled = |v: u32| (f64::from(v) * TEMPLATE_PART * size).round() as u32;
+        let (width, height) = (scaled(photo.width()), scaled(photo.height()));
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let from = |at: u32, out: u32, whole: u32| {
+                    let offset = (f64::from(at) + 0.5 - f64::from(out) / 2.0) / size;
+                    (f64::from(whole) / 2.0 + offset) as f32
+                };
+                let (u, v) = (from(x, width, photo.width()), from(y, height, photo.height()));
+                let [value, ..] = sample(photo, u, v)?;
+                pixels.push((value + 0.5) as u8);
+            }
         }
+        Some(Self { size, image: GrayImage::new(width, height, pixels)? })
     }
-    GrayImage::new(width, height, pixels)
 }

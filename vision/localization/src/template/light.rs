@@ -1,7 +1,7 @@
 //! Light and sharpness of a photo compared with the map's.
 
-use super::working::{Level, Working};
-use volery_rendering::Rendering;
+use super::patches::View;
+use super::working::Working;
 use volery_scene::GrayImage;
 
 /// Darkest level that takes part, of 255.
@@ -41,23 +41,15 @@ impl Light {
     }
 
     /// Fits equal ranks of both images' levels: outlines that do not meet do not matter.
-    pub(crate) fn measure(working: &Working, level: &Level, drawn: &Rendering) -> Self {
-        let view = drawn.gray();
-        let photo = &level.gray;
-        let mut pairs: [Vec<u8>; 2] = [Vec::new(), Vec::new()];
-        for (k, (&a, &b)) in view.pixels().iter().zip(photo.pixels()).enumerate() {
-            if drawn.depth[k] > 0.0 {
-                pairs[0].push(a);
-                pairs[1].push(b);
-            }
+    pub(crate) fn measure(working: &Working, view: &View) -> Self {
+        let mut counts = [[0_usize; 256]; 2];
+        for pair in view.seen_pairs() {
+            counts.iter_mut().zip(pair).for_each(|(counts, level)| counts[usize::from(level)] += 1);
         }
-        pairs.iter_mut().for_each(|levels| levels.sort_unstable());
-        let [view, photo] = pairs;
+        let [view, photo] = counts.map(|counts| ranked(&counts));
         // Line through the logarithms at equal ranks.
         let (mut n, mut s) = (0.0, [0.0_f64; 4]);
-        for percent in 5..=95 {
-            let rank = view.len() * percent / 100;
-            let (Some(&a), Some(&b)) = (view.get(rank), photo.get(rank)) else { continue };
+        for (a, b) in view.into_iter().zip(photo) {
             if (DARK..=BRIGHT).contains(&a) && (DARK..=BRIGHT).contains(&b) {
                 let (x, y) = ((f64::from(a) / 255.0).ln(), (f64::from(b) / 255.0).ln());
                 n += 1.0;
@@ -71,6 +63,20 @@ impl Light {
         let gain = (y + gamma * (middle - x) - middle).exp();
         Self { gain: if n > 0.0 { gain } else { 1.0 }, gamma, sharpness: sharpness(working) }
     }
+}
+
+/// The levels of which 5, 6, … 95 % of all are darker.
+fn ranked(counts: &[usize; 256]) -> Vec<u8> {
+    let num: usize = counts.iter().sum();
+    let (mut level, mut up_to) = (0_u8, counts[0]);
+    let at_percent = |percent: usize| {
+        while up_to <= num * percent / 100 {
+            level = level.checked_add(1)?;
+            up_to += counts[usize::from(level)];
+        }
+        Some(level)
+    };
+    (5..=95).map_while(at_percent).collect()
 }
 
 /// [`Light::is_blurred`] of a photo that fits nowhere.

@@ -13,7 +13,7 @@ use super::align::{Aligned, align, telling_points};
 use super::coarse::{Area, Candidate, search};
 use super::key_view::KeyView;
 use super::light::{Light, is_blurred};
-use super::patches::{PatchMatch, PatchMatches, RenderScore, match_patches, score};
+use super::patches::{PatchMatch, PatchMatches, RenderScore, View};
 use super::similarity::Similarity;
 use super::surface_share::surface_share;
 use super::working::{Working, radius_at};
@@ -75,9 +75,9 @@ const NUM_REFINED: usize = 2;
 const ALIGN_ITERATIONS: usize = 12;
 /// A rival this much as alike as the best is looked at, too.
 const RIVAL_PART: f64 = 0.85;
-/// Rounds of drawing, matching patches and resection: the level of the photo, how far patches are
-/// looked for and the inlier threshold, pixels of the level.
-const ROUNDS: [(usize, usize, f64); 3] = [(1, 8, 2.0), (0, 6, 2.0), (0, 4, 1.5)];
+/// Rounds of drawing, matching patches and resection: how far patches are looked for and the inlier
+/// threshold, pixels of the finest level.
+const ROUNDS: [(usize, f64); 2] = [(8, 2.0), (4, 1.5)];
 
 /// Hypotheses of a round at most.
 const MAX_ITERATIONS: usize = 300;
@@ -143,7 +143,7 @@ pub fn localize_by_template(
     let finder = Finder {
         working: &working,
         mesh,
-        eyes: [0, 1].map(|level| VirtualCamera::new(&working.levels[level].camera)),
+        eye: VirtualCamera::new(&working.levels[0].camera),
         original_scale: f64::from(camera.width) / f64::from(working.levels[0].camera.width),
     };
     let mut believed: Vec<Located> = Vec::new();
@@ -242,8 +242,8 @@ fn is_elsewhere(a: &Located, b: &Located) -> bool {
 struct Finder<'a> {
     working: &'a Working,
     mesh: &'a DrawableMesh,
-    /// Of the two finest levels.
-    eyes: [VirtualCamera; 2],
+    /// Of the finest level.
+    eye: VirtualCamera,
     /// Pixels of the photo per pixel of the finest level.
     original_scale: f64,
 }
@@ -260,14 +260,10 @@ impl Finder<'_> {
         let not_alike = |proof| (NotFoundReason::NotAlike, proof);
         let mut pose = *initial;
         let mut last = None;
-        for (level, range, max_error_px) in ROUNDS {
-            let drawn = self.eyes[level].draw_mesh(self.mesh, &pose);
-            let level = &self.working.levels[level];
-            let matches = match_patches(level, &drawn, &pose, range);
-            let proof = TemplateProof {
-                score: score(level, &drawn, &matches),
-                light: Light::measure(self.working, level, &drawn),
-            };
+        let level = &self.working.levels[0];
+        for (range, max_error_px) in ROUNDS {
+            let view = View::draw(&self.eye, level, self.mesh, &pose);
+            let matches = view.match_patches(range);
             let (pixels, points): (Vec<Point2<f64>>, Vec<Point3<f64>>) =
                 matches.found.iter().map(|m| (m.pixel, m.point_in_world)).unzip();
             // Where a pattern repeats, patches near the last pose agree on a wrong one: all take
@@ -282,17 +278,22 @@ impl Finder<'_> {
                 .map_or(pose, |found| found.cam_from_world);
             let refined =
                 refine_absolute_pose(&pixels, &points, &level.camera, &chosen, max_error_px)
-                    .ok_or(not_alike(Some(proof)))?;
+                    .ok_or_else(|| not_alike(Some(self.proof(&view, &matches))))?;
             pose = refined.cam_from_world;
-            last = Some((refined, matches, proof));
+            last = Some((refined, view, matches));
         }
-        let (refined, matches, proof) = last.ok_or(not_alike(None))?;
-        let camera = &self.working.levels[0].camera;
+        let (refined, view, matches) = last.ok_or(not_alike(None))?;
+        let proof = self.proof(&view, &matches);
+        let camera = &level.camera;
         let located =
             self.located(camera, &refined, &matches, proof).ok_or(not_alike(Some(proof)))?;
         judge(&located, &refined, &matches, camera, prior)
             .map_err(|reason| (reason, Some(proof)))?;
         Ok(located)
+    }
+
+    fn proof(&self, view: &View, matches: &PatchMatches) -> TemplateProof {
+        TemplateProof { score: view.score(matches), light: Light::measure(self.working, view) }
     }
 
     /// `None` if the patches leave the pose undetermined.

@@ -78,72 +78,99 @@ pub fn render_score(
 ) -> Option<RenderScore> {
     let working = Working::new(photo, camera)?;
     let level = &working.levels[0];
-    let drawn = VirtualCamera::new(&level.camera).draw_mesh(mesh, cam_from_world);
-    let matches = match_patches(level, &drawn, cam_from_world, JUDGED_RANGE);
-    Some(score(level, &drawn, &matches))
+    let view = View::draw(&VirtualCamera::new(&level.camera), level, mesh, cam_from_world);
+    Some(view.score(&view.match_patches(JUDGED_RANGE)))
 }
 
-pub(crate) fn score(level: &Level, drawn: &Rendering, matches: &PatchMatches) -> RenderScore {
-    let view = normalized(&drawn.gray(), radius_at(&level.camera), |k| drawn.depth[k] > 0.0);
-    let (mut n, mut s) = (0.0, [0.0_f64; 5]);
-    for (k, (&a, &b)) in view.pixels().iter().zip(level.normalized.pixels()).enumerate() {
-        if drawn.depth[k] > 0.0 {
-            let (a, b) = (f64::from(a), f64::from(b));
-            n += 1.0;
+/// What the virtual camera sees from a pose, beside the photo.
+pub(crate) struct View<'a> {
+    level: &'a Level,
+    cam_from_world: Isometry3<f64>,
+    drawn: Rendering,
+    pub(crate) gray: GrayImage,
+    /// With local contrast.
+    normalized: GrayImage,
+}
+
+impl<'a> View<'a> {
+    /// `eye` is that of `level`.
+    pub(crate) fn draw(
+        eye: &VirtualCamera,
+        level: &'a Level,
+        mesh: &DrawableMesh,
+        cam_from_world: &Isometry3<f64>,
+    ) -> Self {
+        let drawn = eye.draw_mesh(mesh, cam_from_world);
+        let gray = drawn.gray();
+        let normalized = normalized(&gray, radius_at(&level.camera), |k| drawn.depth[k] > 0.0);
+        Self { level, cam_from_world: *cam_from_world, drawn, gray, normalized }
+    }
+
+    /// The gray levels of view and photo where the view shows the map.
+    pub(crate) fn seen_pairs(&self) -> impl Iterator<Item = [u8; 2]> {
+        self.pairs(&self.gray, &self.level.gray)
+    }
+
+    fn pairs(&self, view: &GrayImage, photo: &GrayImage) -> impl Iterator<Item = [u8; 2]> {
+        let both = view.pixels().iter().zip(photo.pixels());
+        let seen = both.zip(&self.drawn.depth).filter(|(_, depth)| **depth > 0.0);
+        seen.map(|((&view, &photo), _)| [view, photo])
+    }
+
+    pub(crate) fn score(&self, matches: &PatchMatches) -> RenderScore {
+        let (mut n, mut s) = (0, [0_u64; 5]);
+        for [a, b] in self.pairs(&self.normalized, &self.level.normalized) {
+            let (a, b) = (u64::from(a), u64::from(b));
+            n += 1;
             [a, b, a * a, b * b, a * b].iter().zip(&mut s).for_each(|(v, sum)| *sum += v);
         }
+        let [a, b, aa, bb, ab] = s.map(|v| v as f64 / f64::from(n.max(1)));
+        let scale = (aa - a * a) * (bb - b * b);
+        let agreeing = matches.found.iter().filter(|m| m.shift_px <= AGREEING_PX).count();
+        RenderScore {
+            correlation: if scale > 0.0 { (ab - a * b) / scale.sqrt() } else { 0.0 },
+            num_patches: matches.num_tried,
+            agreement: agreeing as f64 / matches.num_tried.max(1) as f64,
+            seen: self.drawn.seen_part(),
+        }
     }
-    let [a, b, aa, bb, ab] = s.map(|v| v / f64::max(n, 1.0));
-    let scale = (aa - a * a) * (bb - b * b);
-    let agreeing = matches.found.iter().filter(|m| m.shift_px <= AGREEING_PX).count();
-    RenderScore {
-        correlation: if scale > 0.0 { (ab - a * b) / scale.sqrt() } else { 0.0 },
-        num_patches: matches.num_tried,
-        agreement: agreeing as f64 / matches.num_tried.max(1) as f64,
-        seen: drawn.seen_part(),
-    }
-}
 
-/// Looks for the patches of a view within `range` pixels of where it has them.
-pub(crate) fn match_patches(
-    level: &Level,
-    drawn: &Rendering,
-    cam_from_world: &Isometry3<f64>,
-    range: usize,
-) -> PatchMatches {
-    let view = normalized(&drawn.gray(), radius_at(&level.camera), |k| drawn.depth[k] > 0.0);
-    let world_from_cam = cam_from_world.inverse();
-    let (width, height) = (view.width() as usize, view.height() as usize);
-    let rim = RADIUS + range + 1;
-    let edge = (width / NUM_CELLS).max(1);
-    let corners = Corners::new(&view);
-    let mut found = Vec::new();
-    let mut num_tried = 0;
-    for cell in 0..(width / edge) * (height / edge) {
-        let (x0, y0) = (cell % (width / edge) * edge, cell / (width / edge) * edge);
-        let mut best: Option<(f64, usize, usize)> = None;
-        for y in (y0.max(rim)..(y0 + edge).min(height.saturating_sub(rim))).step_by(2) {
-            for x in (x0.max(rim)..(x0 + edge).min(width.saturating_sub(rim))).step_by(2) {
-                let strength = corners.strength(x, y);
-                let is_better = best.is_none_or(|(other, ..)| strength > other);
-                if strength >= MIN_CORNER && is_better && is_one_surface(drawn, x, y) {
-                    best = Some((strength, x, y));
+    /// Looks for the patches of the view within `range` pixels of where it has them.
+    pub(crate) fn match_patches(&self, range: usize) -> PatchMatches {
+        let Self { normalized: view, drawn, .. } = self;
+        let world_from_cam = self.cam_from_world.inverse();
+        let (width, height) = (view.width() as usize, view.height() as usize);
+        let rim = RADIUS + range + 1;
+        let edge = (width / NUM_CELLS).max(1);
+        let corners = Corners::new(view);
+        let mut found = Vec::new();
+        let mut num_tried = 0;
+        for cell in 0..(width / edge) * (height / edge) {
+            let (x0, y0) = (cell % (width / edge) * edge, cell / (width / edge) * edge);
+            let mut best: Option<(f64, usize, usize)> = None;
+            for y in (y0.max(rim)..(y0 + edge).min(height.saturating_sub(rim))).step_by(2) {
+                for x in (x0.max(rim)..(x0 + edge).min(width.saturating_sub(rim))).step_by(2) {
+                    let strength = corners.strength(x, y);
+                    let is_better = best.is_none_or(|(other, ..)| strength > other);
+                    if strength >= MIN_CORNER && is_better && is_one_surface(drawn, x, y) {
+                        best = Some((strength, x, y));
+                    }
                 }
             }
+            let Some((_, x, y)) = best else { continue };
+            num_tried += 1;
+            let Some([du, dv]) = find(view, &self.level.normalized, x, y, range) else { continue };
+            let center = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
+            let Some(xy) = self.level.camera.unproject(&center) else { continue };
+            let depth = f64::from(drawn.depth[y * width + x]);
+            found.push(PatchMatch {
+                pixel: Point2::new(center.x + du, center.y + dv),
+                shift_px: du.hypot(dv),
+                point_in_world: world_from_cam * Point3::new(xy.x * depth, xy.y * depth, depth),
+            });
         }
-        let Some((_, x, y)) = best else { continue };
-        num_tried += 1;
-        let Some([du, dv]) = find(&view, &level.normalized, x, y, range) else { continue };
-        let center = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let Some(xy) = level.camera.unproject(&center) else { continue };
-        let depth = f64::from(drawn.depth[y * width + x]);
-        found.push(PatchMatch {
-            pixel: Point2::new(center.x + du, center.y + dv),
-            shift_px: du.hypot(dv),
-            point_in_world: world_from_cam * Point3::new(xy.x * depth, xy.y * depth, depth),
-        });
+        PatchMatches { found, num_tried }
     }
-    PatchMatches { found, num_tried }
 }
 
 /// Whether a patch lies on one surface: at an outline it shows two that move apart.

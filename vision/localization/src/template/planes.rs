@@ -42,17 +42,18 @@ pub(crate) fn normalized(
 ) -> GrayImage {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let stride = width + 1;
-    // Integral images of the number, the sum and the sum of squares.
-    let mut sums = vec![[0.0_f64; 3]; stride * (height + 1)];
+    // Integral images of the number, the sum and the sum of squares. They may wrap; what lies in the
+    // surroundings of a pixel does not, below 65 536 pixels.
+    let mut sums = vec![[0_u32; 3]; stride * (height + 1)];
     for y in 0..height {
-        let mut row = [0.0; 3];
+        let mut row = [0_u32; 3];
         for x in 0..width {
             if is_seen(y * width + x) {
-                let v = f64::from(image.pixels()[y * width + x]);
-                row = [row[0] + 1.0, row[1] + v, row[2] + v * v];
+                let v = u32::from(image.pixels()[y * width + x]);
+                row = [row[0] + 1, row[1] + v, row[2].wrapping_add(v * v)];
             }
             let above = sums[y * stride + x + 1];
-            sums[(y + 1) * stride + x + 1] = [0, 1, 2].map(|k| above[k] + row[k]);
+            sums[(y + 1) * stride + x + 1] = [0, 1, 2].map(|k| above[k].wrapping_add(row[k]));
         }
     }
     let mut pixels = vec![MEAN; width * height];
@@ -63,12 +64,16 @@ pub(crate) fn normalized(
                 continue;
             }
             let (x0, x1) = (x.saturating_sub(radius), (x + radius + 1).min(width));
-            let at = |x: usize, y: usize, k: usize| sums[y * stride + x][k];
-            let sum = |k| at(x1, y1, k) + at(x0, y0, k) - at(x0, y1, k) - at(x1, y0, k);
-            let num = sum(0);
-            let mean = sum(1) / num;
-            let deviation = (sum(2) / num - mean * mean).max(0.0).sqrt() as f32;
-            let v = f32::from(image.pixels()[y * width + x]) - mean as f32;
+            let at = |x: usize, y: usize| &sums[y * stride + x];
+            let corners = [at(x1, y1), at(x0, y0), at(x0, y1), at(x1, y0)];
+            let [num, sum, squares] = [0, 1, 2].map(|k| {
+                let [a, b, c, d] = corners.map(|corner| corner[k]);
+                u64::from(a.wrapping_add(b).wrapping_sub(c).wrapping_sub(d))
+            });
+            let scale = 1.0 / num as f32;
+            let deviation = ((num * squares - sum * sum) as f32).sqrt() * scale;
+            let v = u64::from(image.pixels()[y * width + x]);
+            let v = ((num * v) as f32 - sum as f32) * scale;
             let level = f32::from(MEAN) + LEVELS * v / (deviation + NOISE);
             pixels[y * width + x] = (level + 0.5).clamp(1.0, 255.0) as u8;
         }
