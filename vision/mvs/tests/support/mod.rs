@@ -50,7 +50,7 @@ pub(crate) fn scan(camera: Camera, num_views: usize) -> Scan {
 }
 
 /// Points of the surfaces with the views that see them.
-fn sparse_model(
+pub(crate) fn sparse_model(
     room: &Room,
     camera: &Camera,
     poses: &[Isometry3<f64>],
