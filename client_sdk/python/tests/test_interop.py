@@ -125,10 +125,46 @@ def test_meshes_load_in_trimesh(meshed: Map) -> None:
     assert np.allclose(np.linalg.norm(dense.normals, axis=1), 1, atol=1e-3)
 
 
-def test_clouds_load_in_open3d(hall: Map) -> None:
-    pytest.importorskip("open3d")
-    points = hall.points()
+def test_all_loads_in_open3d(meshed: Map, tmp_path: Path) -> None:
+    open3d = pytest.importorskip("open3d", reason="without open3d its loading is NOT TESTED")
+    for name in ("sparse.ply", "mesh.ply", "map.glb"):
+        (tmp_path / name).write_bytes(meshed.export(name))
+    points = meshed.points()
+    cloud = open3d.io.read_point_cloud(str(tmp_path / "sparse.ply"))
+    assert np.allclose(np.asarray(cloud.points), points.positions, atol=1e-6)
     assert np.allclose(np.asarray(as_open3d(points).points), points.positions)
+    plain = open3d.io.read_triangle_mesh(str(tmp_path / "mesh.ply"))
+    corners = np.asarray(plain.vertices)
+    near_a_wall = np.min(np.abs(np.abs(corners) - HALF), axis=1) < WALL_M
+    assert near_a_wall.mean() > 0.8
+    # glTF: y up, z forward, x left.
+    gltf = open3d.io.read_triangle_mesh(str(tmp_path / "map.glb"))
+    moved = corners @ gltf_from_map()[:3, :3].T
+    assert np.allclose(gltf.get_min_bound(), moved.min(axis=0), atol=1e-3)
+    assert np.allclose(gltf.get_max_bound(), moved.max(axis=0), atol=1e-3)
+    # Its own camera at a pose of transforms.json sees the walls where they are.
+    transforms = json.loads(meshed.export("transforms.json"))
+    calibration = np.array(
+        [
+            [transforms["fl_x"], 0, transforms["cx"]],
+            [0, transforms["fl_y"], transforms["cy"]],
+            [0, 0, 1],
+        ]
+    )
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(open3d.t.geometry.TriangleMesh.from_legacy(plain))
+    for frame in transforms["frames"][::8]:
+        map_from_camera = np.array(frame["transform_matrix"]) @ np.diag([1.0, -1, -1, 1])
+        rays = scene.create_rays_pinhole(
+            calibration, np.linalg.inv(map_from_camera), transforms["w"], transforms["h"]
+        )
+        depth = scene.cast_rays(rays)["t_hit"].numpy()
+        seen = np.isfinite(depth)
+        assert seen.mean() > 0.8
+        starts, ways = np.split(rays.numpy(), 2, axis=-1)
+        assert np.allclose(starts[0, 0], map_from_camera[:3, 3], atol=1e-4)
+        hits = (starts + depth[..., None] * ways)[seen]
+        assert (np.min(np.abs(np.abs(hits) - HALF), axis=1) < WALL_M).mean() > 0.8
 
 
 def test_a_model_without_its_files_is_named(tmp_path: Path) -> None:
