@@ -61,6 +61,37 @@ pub struct PutDrone {
     pub body_from_camera: CameraMount,
 }
 
+/// Settings of a registered drone to be changed; what is absent stays, also its key.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PatchDrone {
+    /// For people.
+    #[schema(min_length = 1, max_length = 200)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Its own signing key, 64 hex digits; never shown again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub signing_key: Option<String>,
+    /// How it takes poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vision: Option<VisionMessage>,
+    /// Its camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body_from_camera: Option<CameraMount>,
+}
+
+impl PatchDrone {
+    /// The settings once they are changed.
+    pub fn applied_to(self, drone: PutDrone) -> PutDrone {
+        PutDrone {
+            name: self.name.unwrap_or(drone.name),
+            signing_key: self.signing_key.or(drone.signing_key),
+            vision: self.vision.unwrap_or(drone.vision),
+            body_from_camera: self.body_from_camera.unwrap_or(drone.body_from_camera),
+        }
+    }
+}
+
 /// A drone that is registered, or was heard, or both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Drone {

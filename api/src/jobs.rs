@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 use uuid::Uuid;
 
-use crate::{Camera, KnownDistance, OriginRule, PoseSource, Preset, Registration, StageGroup};
+use crate::{
+    Camera, JobOptions, KnownDistance, OriginRule, PoseSource, Preset, Registration, StageGroup,
+};
 
 /// What a job does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -82,10 +84,9 @@ pub struct CreateJob {
     /// Where the poses of the photos come from.
     #[serde(default)]
     pub poses: PoseSource,
-    /// Photos are made smaller until no side is longer, pixels.
-    #[schema(minimum = 64, maximum = 16384)]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub max_image_size: Option<u32>,
+    /// Numbers that differ from those of the preset.
+    #[serde(default)]
+    pub options: JobOptions,
     /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageGroup>,
@@ -178,6 +179,22 @@ pub struct JobStage {
     pub total: u64,
     /// What is counted.
     pub unit: String,
+    /// Units that were found finished, from a run before.
+    #[serde(default)]
+    #[schema(required = true)]
+    pub cached: u64,
+}
+
+/// Something that the user of a map should know.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    /// Stable.
+    pub code: String,
+    /// For people, with the figures.
+    pub detail: String,
+    /// What to do about it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
 }
 
 /// Why a job failed, or what its map lacks.
@@ -221,6 +238,8 @@ pub struct Job {
     pub attempt: u32,
     /// Whether someone asked it to stop.
     pub cancel_requested: bool,
+    /// What the user of its map should know.
+    pub warnings: Vec<Warning>,
     /// Why it failed, or what its map lacks.
     pub error: Option<JobError>,
     /// What it made.
@@ -259,6 +278,16 @@ pub struct JobEvents {
     pub items: Vec<JobEvent>,
     /// Ask again with `after` set to it.
     pub last: u64,
+}
+
+/// How a job runs again.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct RetryQuery {
+    /// Does this stage and all after it anew, whatever is finished of them: `features`, `pairs`,
+    /// `matching`, `mapping`, `align`, `export`, `depth_maps`, `fusion`, `meshing`, `texturing`.
+    pub from_stage: Option<String>,
 }
 
 /// Which events.

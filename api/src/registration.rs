@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use crate::{CreateJob, JobKind, Preset, StageGroup};
+use crate::{CreateJob, JobKind, JobOptions, Preset, StageGroup};
 
 /// How maps are brought together.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -58,6 +58,9 @@ pub struct RegisterMaps {
     /// How much work is spent on the surface of the joined map.
     #[serde(default)]
     pub preset: Preset,
+    /// Numbers that differ from those of the preset.
+    #[serde(default)]
+    pub options: JobOptions,
     /// How far to go: `sfm` joins the maps without their surfaces; where the preset ends when empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageGroup>,
@@ -82,6 +85,7 @@ impl Default for RegisterMaps {
             method: RegistrationMethod::default(),
             with_scale: true,
             preset: Preset::default(),
+            options: JobOptions::default(),
             stages: Vec::new(),
             map_id: None,
             map_name: None,
@@ -98,6 +102,7 @@ impl From<RegisterMaps> for CreateJob {
             map_ids: request.maps,
             registration: Registration { method: request.method, with_scale: request.with_scale },
             preset: request.preset,
+            options: request.options,
             stages: request.stages,
             map_id: request.map_id,
             map_name: request.map_name,

@@ -5,8 +5,8 @@
 //!
 //! * `<program> run-job <workdir>` reads `<workdir>/job.json` ([`JobSpec`]), writes one
 //!   [`JobLine`] of JSON per line to its standard output, and leaves the map folder in
-//!   `<workdir>/out/`. The work folder lasts as long as the job: finished units found in it are
-//!   not computed again. A job that fails says so in its last line ([`JobLine::Result`]) and ends
+//!   `<workdir>/out/`. The work folder lasts as long as the job: finished units found in
+//!   `<workdir>/cache/<stage>/` are not computed again. A job that fails says so in its last line ([`JobLine::Result`]) and ends
 //!   with exit code 0; any other end counts as a crash and is tried again. SIGTERM asks the child
 //!   to stop at the next unit of work; what it has finished stays in the folder.
 //! * Every child dies with the service: it leaves at once when its parent is not the process named
@@ -24,9 +24,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    AlignRequest, Camera, CameraPose, FrameTelemetry, JobKind, KnownDistance, Localization,
-    LocalizeMethod, LocalizePrior, OriginRule, PoseSource, Preset, Prior, Registration,
-    RenderRequest, StageGroup,
+    AlignRequest, Camera, CameraPose, FrameTelemetry, JobKind, JobOptions, KnownDistance,
+    Localization, LocalizeMethod, LocalizePrior, OriginRule, PoseSource, Preset, Prior,
+    Registration, RenderRequest, StageGroup, Warning,
 };
 
 /// Name of the specification in a work folder.
@@ -34,6 +34,9 @@ pub const JOB_FILE: &str = "job.json";
 
 /// Name of the map folder in a work folder.
 pub const OUT_FOLDER: &str = "out";
+
+/// Name of the folder in a work folder with the finished units, in a folder per stage.
+pub const CACHE_FOLDER: &str = "cache";
 
 /// Environment variable with the process id of the service.
 pub const PARENT_VARIABLE: &str = "VOLERY_PARENT_PID";
@@ -79,9 +82,9 @@ pub struct JobSpec {
     /// Where the poses of the photos come from.
     #[serde(default)]
     pub poses: PoseSource,
-    /// Photos are made smaller until no side is longer, pixels.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub max_image_size: Option<u32>,
+    /// Numbers that differ from those of the preset.
+    #[serde(default)]
+    pub options: JobOptions,
     /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     #[serde(default)]
     pub stages: Vec<StageGroup>,
@@ -132,6 +135,13 @@ pub enum JobLine {
         #[serde(default)]
         unit: String,
     },
+    /// `units` of a stage that runs or has run were found finished.
+    Reused {
+        /// Name of the stage.
+        stage: String,
+        /// Finished units.
+        units: u64,
+    },
     /// Something to remember.
     Log {
         /// `info`, `warn` or `error`.
@@ -163,6 +173,9 @@ pub struct JobResult {
     /// What to do about it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
+    /// What the user of the map should know.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// Header of a message to a decoder or localizer. The payload is the encoded image, if any; an

@@ -12,9 +12,9 @@ mod simulate;
 mod values;
 
 pub(crate) use demo::{CompareArgs, DemoArgs};
-pub(crate) use reconstruct::{ModelArgs, ReconstructArgs};
+pub(crate) use reconstruct::{EffortArgs, ModelArgs, ReconstructArgs};
 pub(crate) use simulate::{RoomArg, SimulateArgs};
-pub(crate) use values::{MethodArg, PresetArg, RegistrationArg, StageArg};
+pub(crate) use values::{MethodArg, RegistrationArg};
 use values::{known_distance, position, udp_address};
 
 /// Photos to metric maps, and photos to poses in them.
@@ -35,6 +35,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Turn photos into a map, without a server.
     Reconstruct(ReconstructArgs),
+    /// List the numbers that a preset sets and --option changes.
+    Options,
     /// Find the poses of photos in a map.
     Localize(LocalizeArgs),
     /// Run the ground station.
@@ -169,13 +171,8 @@ pub(crate) enum JobsCommand {
         /// Name of a new map.
         #[arg(long)]
         name: Option<String>,
-        /// Effort.
-        #[arg(long, value_enum, default_value = "balanced")]
-        preset: PresetArg,
-        /// How far to go: to the last one named, with all before it; where the preset ends by
-        /// default.
-        #[arg(long, value_delimiter = ',', value_enum)]
-        stages: Vec<StageArg>,
+        #[command(flatten)]
+        effort: EffortArgs,
         /// Seed of all random choices.
         #[arg(long, default_value_t = 0)]
         seed: u64,
@@ -201,10 +198,13 @@ pub(crate) enum JobsCommand {
         /// Of the job.
         id: Uuid,
     },
-    /// Run an ended job again.
+    /// Run an ended job again. What it has finished is not done again.
     Retry {
         /// Of the job.
         id: Uuid,
+        /// Do this stage and all after it anew, as `mapping`.
+        #[arg(long, value_name = "STAGE")]
+        from_stage: Option<String>,
     },
     /// Print the log of a job.
     Log {
@@ -274,17 +274,6 @@ pub(crate) enum MapsCommand {
         #[arg(long)]
         wait: bool,
     },
-}
-
-/// How much is done.
-#[derive(Debug, Args)]
-pub(crate) struct EffortArgs {
-    /// Effort.
-    #[arg(long, value_enum, default_value = "balanced")]
-    pub(crate) preset: PresetArg,
-    /// How far to go: to the last one named, with all before it; where the preset ends by default.
-    #[arg(long, value_delimiter = ',', value_enum)]
-    pub(crate) stages: Vec<StageArg>,
 }
 
 #[derive(Debug, Args)]

@@ -9,6 +9,7 @@ mod demo;
 mod doctor;
 mod input;
 mod localize;
+mod options;
 mod output;
 mod plot;
 mod progress;
@@ -30,6 +31,7 @@ fn main() -> ExitCode {
     let json = cli.json;
     let outcome = match cli.command {
         Command::Reconstruct(args) => reconstruct::run(&args, json),
+        Command::Options => options::run(json),
         Command::Localize(args) => localize::run(&args, json),
         Command::Serve(args) => serve::run(&args),
         Command::Upload(args) => upload::run(&args, json),

@@ -10,6 +10,7 @@ use std::{
 };
 
 use indicatif::{ProgressBar, ProgressStyle};
+use volery_pipeline::StageProgress;
 use volery_scene::{Progress, Stage};
 
 /// Shows stages as they run; SIGINT and SIGTERM ask the work to stop.
@@ -112,3 +113,5 @@ impl Progress for Terminal {
         self.stop.load(Ordering::Relaxed)
     }
 }
+
+impl StageProgress for Terminal {}

@@ -84,12 +84,12 @@ fn job_spec(args: &ReconstructArgs) -> Result<JobSpec, PipelineError> {
     Ok(JobSpec {
         camera,
         known_distances: args.known_distance.clone(),
-        preset: args.preset.into(),
+        preset: args.effort.preset(),
         seed: args.seed,
         origin: args.origin.map(Into::into),
         poses: args.given.poses(),
-        max_image_size: args.max_image_size,
-        stages: args.stages.iter().map(|stage| (*stage).into()).collect(),
+        options: args.effort.options(),
+        stages: args.effort.stages(),
         ..JobSpec::new(images)
     })
 }

@@ -63,8 +63,7 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
                 imagesets,
                 map,
                 name,
-                preset,
-                stages,
+                effort,
                 seed,
                 known_distance,
                 wait,
@@ -78,8 +77,9 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
                     imageset_ids: imagesets.clone(),
                     map_id: *map,
                     map_name: name.clone(),
-                    preset: (*preset).into(),
-                    stages: stages.iter().map(|stage| (*stage).into()).collect(),
+                    preset: effort.preset(),
+                    stages: effort.stages(),
+                    options: effort.options(),
                     seed: *seed,
                     known_distances: known.collect(),
                     ..CreateJob::default()
@@ -90,7 +90,9 @@ pub(crate) fn jobs(server: &ServerArgs, command: Option<&JobsCommand>, json: boo
             Some(JobsCommand::Show { id }) => client.job(*id).await.map_err(failed)?,
             Some(JobsCommand::Watch { id }) => watch(&client, *id).await?,
             Some(JobsCommand::Cancel { id }) => client.cancel_job(*id).await.map_err(failed)?,
-            Some(JobsCommand::Retry { id }) => client.retry_job(*id).await.map_err(failed)?,
+            Some(JobsCommand::Retry { id, from_stage }) => {
+                client.retry_job(*id, from_stage.as_deref()).await.map_err(failed)?
+            }
         };
         show(&job, json, job_line);
         match command {
@@ -143,8 +145,9 @@ pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: boo
                     maps: ids.clone(),
                     method: (*method).into(),
                     with_scale: !same_scale,
-                    preset: effort.preset.into(),
-                    stages: effort.stages.iter().map(|stage| (*stage).into()).collect(),
+                    preset: effort.preset(),
+                    stages: effort.stages(),
+                    options: effort.options(),
                     map_id: *map,
                     map_name: name.clone(),
                     ..RegisterMaps::default()
@@ -157,8 +160,9 @@ pub(crate) fn maps(server: &ServerArgs, command: Option<&MapsCommand>, json: boo
                     kind: JobKind::ExtendMap,
                     map_id: Some(*id),
                     imageset_ids: imagesets.clone(),
-                    preset: effort.preset.into(),
-                    stages: effort.stages.iter().map(|stage| (*stage).into()).collect(),
+                    preset: effort.preset(),
+                    stages: effort.stages(),
+                    options: effort.options(),
                     ..CreateJob::default()
                 };
                 let job = client.create_job(&request).await.map_err(failed)?;

@@ -6,6 +6,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use volery_scene::Stage;
+
 use crate::error::PipelineError;
 
 /// Hash of inputs, options and code.
@@ -45,8 +47,8 @@ pub(crate) struct Cache {
 
 impl Cache {
     /// In `work_dir`, for `stage`.
-    pub(crate) fn open(work_dir: &Path, stage: &str) -> Result<Self, PipelineError> {
-        let folder = work_dir.join(stage);
+    pub(crate) fn open(work_dir: &Path, stage: Stage) -> Result<Self, PipelineError> {
+        let folder = work_dir.join(stage.name());
         fs::create_dir_all(&folder).map_err(|e| PipelineError::io(&folder, &e))?;
         Ok(Self { folder })
     }
@@ -110,7 +112,7 @@ mod tests {
     #[test]
     fn a_unit_comes_back_and_a_damaged_one_does_not() {
         let folder = temporary_folder("damage");
-        let cache = Cache::open(&folder, "stage").unwrap();
+        let cache = Cache::open(&folder, Stage::Features).unwrap();
         let key = KeyMaker::new("stage").with(b"input").key();
         assert_eq!(cache.get(&key), None);
         cache.put(&key, b"content").unwrap();

@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use volery_scene::Progress;
-
 mod cache;
 mod cameras;
 mod clock;
@@ -22,6 +20,7 @@ mod moved;
 mod options;
 mod pair_log;
 mod photo;
+mod progress;
 mod register;
 mod report;
 mod report_html;
@@ -42,6 +41,7 @@ pub use foreign_model::{ForeignModel, read_foreign_model};
 pub use heading::NorthInMap;
 pub use map_folder::{MapFolder, MapInfo};
 pub use moved::MovedBy;
+pub use progress::StageProgress;
 pub use register::{FoundBy, MapSource, PhotoReport, RegisterReport, extend_map, register_maps};
 pub use spec::{CameraSpec, ImageInput, JobSpec, PoseSource, Preset, StageGroup};
 pub use summary::Summary;
@@ -61,7 +61,7 @@ pub fn reconstruct(
     spec: &JobSpec,
     work_dir: &Path,
     out_dir: &Path,
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<Summary, PipelineError> {
     run::reconstruct(spec, work_dir, out_dir, progress)
 }

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Steps that are told as progress.
-const NUM_STEPS: usize = 6;
+pub(crate) const NUM_STEPS: usize = 6;
 /// Of the texture.
 const JPEG_QUALITY: u8 = 85;
 /// Least depth of the octree that is tried.

@@ -51,31 +51,20 @@ const CELL_PX: f32 = 2.0;
 impl StageOptions {
     /// The options of a job.
     pub(crate) fn of(spec: &JobSpec) -> Self {
-        let (max_image_size, max_features, first_octave, num_retrieved) = match spec.preset {
-            Preset::Fast => (1024, 3000, 0, 12),
-            Preset::Balanced => (1600, 8192, -1, 20),
-            Preset::Best => (3200, 12_000, -1, 40),
-        };
-        let (max_pixels, max_sources) = match spec.preset {
-            Preset::Fast => (80_000, 6),
-            Preset::Balanced => (320_000, 8),
-            Preset::Best => (1_280_000, 12),
-        };
-        let (max_octree_depth, max_triangles, max_side) = match spec.preset {
-            Preset::Fast => (8, 100_000, 2048),
-            Preset::Balanced => (10, 300_000, 4096),
-            Preset::Best => (11, 1_500_000, 8192),
-        };
-        let texture = TextureOptions { max_side };
+        let effort = spec.preset.effort(&spec.options);
         let dense = DenseOptions {
-            max_pixels,
-            max_sources,
-            cluster_size: (CLUSTER_PIXELS / max_pixels) as usize,
+            max_pixels: effort.depth_map_pixels,
+            max_sources: effort.depth_map_sources as usize,
+            cluster_size: (CLUSTER_PIXELS / effort.depth_map_pixels) as usize,
             cell_px: CELL_PX,
             seed: spec.seed,
         };
+        // Upsampling finds more features, and smaller ones.
+        let first_octave = if spec.preset == Preset::Fast { 0 } else { -1 };
+        let max_features = effort.max_features as usize;
+        let num_retrieved = effort.similar_images as usize;
         Self {
-            max_image_size: spec.max_image_size.unwrap_or(max_image_size),
+            max_image_size: effort.max_image_size,
             sift: SiftOptions { max_features, first_octave, ..SiftOptions::default() },
             pairs: PairOptions { num_retrieved, ..PairOptions::default() },
             matching: MatchOptions::default(),
@@ -86,7 +75,11 @@ impl StageOptions {
                 ..MapperOptions::default()
             },
             dense,
-            mesh: MeshOptions { max_octree_depth, max_triangles, texture },
+            mesh: MeshOptions {
+                max_octree_depth: effort.octree_depth,
+                max_triangles: effort.max_triangles as usize,
+                texture: TextureOptions { max_side: effort.texture_size },
+            },
         }
     }
 }

@@ -9,7 +9,7 @@ use std::{
 };
 
 use volery_formats::{read_two_view_geometries, write_two_view_geometries};
-use volery_scene::TwoViewGeometry;
+use volery_scene::{Stage, TwoViewGeometry};
 
 use crate::{cache::Key, error::PipelineError};
 
@@ -28,9 +28,10 @@ pub(crate) struct PairLog {
 impl PairLog {
     /// Opens or creates the log in `work_dir` and drops what was not written whole.
     pub(crate) fn open(work_dir: &Path) -> Result<Self, PipelineError> {
-        let path = work_dir.join("pairs.log");
+        let folder = work_dir.join(Stage::Matching.name());
+        let path = folder.join("pairs.log");
         let fail = |e: std::io::Error| PipelineError::io(&path, &e);
-        fs::create_dir_all(work_dir).map_err(fail)?;
+        fs::create_dir_all(&folder).map_err(fail)?;
         let bytes = if path.exists() { fs::read(&path).map_err(fail)? } else { Vec::new() };
         let mut known = HashMap::new();
         let mut whole = 0;
@@ -94,7 +95,7 @@ mod tests {
             log.append(std::iter::once((key, None))).unwrap();
         }
         drop(log);
-        let path = folder.join("pairs.log");
+        let path = folder.join("matching").join("pairs.log");
         let len = fs::metadata(&path).unwrap().len();
         File::options().write(true).open(&path).unwrap().set_len(len - 1).unwrap();
         let log = PairLog::open(&folder).unwrap();

@@ -17,7 +17,9 @@ use volery_api::Registration;
 use volery_registration::{Link, solve_pose_graph};
 use volery_scene::Progress;
 
-use crate::{JobSpec, PipelineError, cache::write_atomic, error::code, map_folder::file};
+use crate::{
+    JobSpec, PipelineError, StageProgress, cache::write_atomic, error::code, map_folder::file,
+};
 pub use extend::extend_map;
 use pairs::{Pair, align_pairs, no_overlap};
 use part::Part;
@@ -59,7 +61,7 @@ pub fn register_maps(
     spec: &JobSpec,
     work_dir: &Path,
     out_dir: &Path,
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<RegisterReport, PipelineError> {
     if sources.len() < 2 {
         let detail = format!("{} maps were given", sources.len());
@@ -134,7 +136,7 @@ fn finish(
     whole: Whole,
     photos: &[PathBuf],
     [work_dir, out_dir]: [&Path; 2],
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<RegisterReport, PipelineError> {
     let (map, info) = whole.write(out_dir, progress)?;
     // What follows may end the process; the map and its report are there then.

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use volery_scene::{EnvironmentMap, ImagePrior, OriginRule, Progress, Stage, Verdict};
+use volery_scene::{EnvironmentMap, ImagePrior, OriginRule, Stage, Verdict};
 use volery_sfm::{AlignOptions, Reconstruction, environment_map};
 
 use crate::{
@@ -17,6 +17,7 @@ use crate::{
     mapping::map_pairs,
     matching::{Matched, PairContext, choose_pairs, match_pairs},
     options::StageOptions,
+    progress::StageProgress,
     report,
     spec::{JobSpec, PoseSource},
     summary::{StageReport, Summary, Warning},
@@ -50,7 +51,7 @@ pub(crate) fn reconstruct(
     spec: &JobSpec,
     work_dir: &Path,
     out_dir: &Path,
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<Summary, PipelineError> {
     let clock = Stopwatch::start();
     fs::create_dir_all(out_dir).map_err(|e| PipelineError::io(out_dir, &e))?;
@@ -88,14 +89,15 @@ fn build(
     options: &StageOptions,
     work_dir: &Path,
     out_dir: &Path,
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
     trace: &mut Trace,
 ) -> Result<(EnvironmentMap, MapInfo), PipelineError> {
     check_spec(spec)?;
 
     let watch = Stopwatch::start();
-    let cache = Cache::open(work_dir, "features")?;
+    let cache = Cache::open(work_dir, Stage::Features)?;
     let ingested = trace.ingested.insert(ingest(spec, options, &cache, progress)?);
+    progress.reused(Stage::Features, ingested.num_cached);
     trace.stages.push(watch.stage("features", ingested.usable.len(), ingested.num_cached));
     let photos = &ingested.usable;
     check_photos(spec, ingested)?;
@@ -118,12 +120,13 @@ fn build(
     };
     let matched = match_pairs(&context, &pairs, work_dir, progress)?;
     trace.num_verified_pairs = matched.pairs.len();
+    progress.reused(Stage::Matching, matched.num_cached);
     trace.stages.push(watch.stage("matching", matched.num_tried, matched.num_cached));
     check_pairs(&matched, photos.len())?;
 
     let watch = Stopwatch::start();
     progress.report(Stage::Mapping, 0, photos.len());
-    let cache = Cache::open(work_dir, "mapping")?;
+    let cache = Cache::open(work_dir, Stage::Mapping)?;
     let (reconstruction, cached) = map_pairs(
         spec,
         photos,
@@ -135,7 +138,9 @@ fn build(
         &cache,
         progress,
     )?;
-    trace.stages.push(watch.stage("mapping", photos.len(), usize::from(cached) * photos.len()));
+    let num_cached = usize::from(cached) * photos.len();
+    progress.reused(Stage::Mapping, num_cached);
+    trace.stages.push(watch.stage("mapping", photos.len(), num_cached));
     trace.mapper = reconstruction.mapper.to_owned();
     check_reconstruction(&reconstruction)?;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-pub use volery_api::{PoseSource, Preset, StageGroup};
+pub use volery_api::{JobOptions, PoseSource, Preset, StageGroup};
 use volery_geometry::{Camera, CameraError, CameraModel};
 use volery_scene::{ImagePrior, KnownDistance, OriginRule};
 
@@ -85,8 +85,8 @@ pub struct JobSpec {
     pub origin: Option<OriginRule>,
     /// Where the poses of the photos come from.
     pub poses: PoseSource,
-    /// Photos are made smaller until no side is longer, pixels; `None` leaves it to the preset.
-    pub max_image_size: Option<u32>,
+    /// Numbers that differ from those of the preset.
+    pub options: JobOptions,
     /// How far to go: to the last one named, with all before it; where the preset ends when empty.
     pub stages: Vec<StageGroup>,
 }
@@ -102,7 +102,7 @@ impl JobSpec {
             seed: 0,
             origin: None,
             poses: PoseSource::default(),
-            max_image_size: None,
+            options: JobOptions::default(),
             stages: Vec::new(),
         }
     }

@@ -1,21 +1,10 @@
 //! What came of a reconstruction: the content of `report.json`.
 
 use serde::{Deserialize, Serialize};
+pub use volery_api::Warning;
 use volery_scene::{Gravity, OriginRule, Quality, Scale, TriangleMesh, UnplacedReason, Verdict};
 
 use crate::{error::PipelineError, spec::CameraSpec};
-
-/// Something the user should know.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Warning {
-    /// Stable.
-    pub code: String,
-    /// For people.
-    pub detail: String,
-    /// What to do about it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub hint: Option<String>,
-}
 
 /// Whether and why an image has its pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

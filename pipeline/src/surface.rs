@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use volery_scene::{EnvironmentMap, Photos, Progress};
+use volery_scene::{EnvironmentMap, Photos, Stage};
 
 use crate::{
     cache::{Cache, write_atomic},
@@ -14,16 +14,14 @@ use crate::{
     files::Files,
     free_space::{described, free_space},
     map_folder::{MapInfo, file},
-    mesh::{mesh, textured_glb},
+    mesh::{NUM_STEPS, mesh, textured_glb},
     options::StageOptions,
+    progress::StageProgress,
     report_surface::{SurfacePictures, draw_surface, plan},
     spec::{JobSpec, StageGroup},
     summary::{DenseSummary, MeshSummary, StageReport},
     view::Surface,
 };
-
-/// Folder of the finished units of the dense cloud.
-const UNITS: &str = "depth_maps";
 
 /// What was learned on the way.
 #[derive(Default)]
@@ -43,7 +41,7 @@ pub(crate) fn add_surface(
     info: &MapInfo,
     options: &StageOptions,
     [work_dir, out_dir]: [&Path; 2],
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<SurfaceTrace, PipelineError> {
     let mut trace = SurfaceTrace::default();
     if !spec.runs(StageGroup::Dense) {
@@ -51,8 +49,8 @@ pub(crate) fn add_surface(
     }
     let mut info = info.clone();
     let watch = Stopwatch::start();
-    let made = Cache::open(work_dir, "dense").and_then(|cache| {
-        let units = Cache::open(work_dir, UNITS)?;
+    let made = Cache::open(work_dir, Stage::Fusion).and_then(|cache| {
+        let units = Cache::open(work_dir, Stage::DepthMaps)?;
         let mut dense = dense(files, &map.model, options, [&cache, &units], progress)?;
         let maps = depth_maps(&map.model, options, &dense, &units);
         let grid = free_space(&dense, &map.model, maps, &cache, progress)?;
@@ -75,6 +73,10 @@ pub(crate) fn add_surface(
         }
     };
     let units = dense.summary.num_depth_maps;
+    if dense.cached {
+        found_finished(progress, Stage::DepthMaps, 2 * units);
+        found_finished(progress, Stage::Fusion, units);
+    }
     trace.stages.push(watch.stage("dense", units, usize::from(dense.cached) * units));
     trace.dense = Some(dense.summary.clone());
     trace.pictures.views.clone_from(&dense.pictures);
@@ -98,6 +100,12 @@ pub(crate) fn add_surface(
     Ok(trace)
 }
 
+/// Tells of a stage of which nothing was left to do.
+fn found_finished(progress: &dyn StageProgress, stage: Stage, units: usize) {
+    progress.report(stage, units, units);
+    progress.reused(stage, units);
+}
+
 fn add_mesh(
     dense: &Dense,
     map: &EnvironmentMap,
@@ -105,17 +113,21 @@ fn add_mesh(
     photos: &dyn Photos,
     options: &StageOptions,
     [work_dir, out_dir]: [&Path; 2],
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<(MeshSummary, bool), PipelineError> {
-    let cache = Cache::open(work_dir, "mesh")?;
+    let cache = Cache::open(work_dir, Stage::Meshing)?;
     let Dense { cloud, key, summary, .. } = dense;
-    let units = Cache::open(work_dir, UNITS)?;
+    let units = Cache::open(work_dir, Stage::DepthMaps)?;
     let maps = depth_maps(&map.model, options, dense, &units);
     let made = mesh(cloud, summary.spacing, key, maps, &options.mesh, &cache, progress)?;
+    if made.cached {
+        found_finished(progress, Stage::Meshing, NUM_STEPS);
+    }
     write_atomic(&out_dir.join(file::MESH), &made.ply)?;
     info.num_triangles = Some(made.mesh.triangles.len());
     write_info(info, out_dir)?;
     let mut summary = MeshSummary::of(&made.mesh);
+    let cache = Cache::open(work_dir, Stage::Texturing)?;
     match textured_glb(&made, map, &info.content_id(), photos, &options.mesh, &cache, progress) {
         Ok(glb) => write_atomic(&out_dir.join(file::GLB), &glb)?,
         Err(error) if error.is_cancelled() => return Err(error),

@@ -11,7 +11,9 @@ use std::{
 use support::{Folder, Scan, StopIn};
 use volery_formats::{read_occupancy, read_ply_of_cloud, read_ply_of_mesh};
 use volery_geometry::{KdTree, Point3, Rng, kd_tree::Neighbor};
-use volery_pipeline::{JobSpec, MapFolder, Preset, StageGroup, Summary, map_folder, reconstruct};
+use volery_pipeline::{
+    JobSpec, MapFolder, Preset, StageGroup, StageProgress, Summary, map_folder, reconstruct,
+};
 use volery_scene::{NoProgress, Occupancy, Progress, Stage, TriangleMesh};
 
 /// A scan whose map lies in the frame of the hall.
@@ -187,6 +189,8 @@ impl Progress for Thief<'_> {
         }
     }
 }
+
+impl StageProgress for Thief<'_> {}
 
 /// A dense stage that fails says why, and the sparse map is as good as it was.
 #[test]

@@ -69,6 +69,8 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(jobs::job_events))
         .routes(routes!(jobs::job_log))
         .routes(routes!(jobs::job_report))
+        .routes(routes!(jobs::presets))
+        .routes(routes!(jobs::options))
         .routes(routes!(maps::list_maps))
         .routes(routes!(jobs::register_maps))
         .routes(routes!(maps::get_map, maps::patch_map, maps::delete_map))
@@ -82,8 +84,14 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(flights::resume_flight))
         .routes(routes!(flights::abort_flight))
         .routes(routes!(flights::list_geofences, flights::put_geofence))
+        .routes(routes!(flights::delete_geofence))
         .routes(routes!(drones::list_drones))
-        .routes(routes!(drones::get_drone, drones::put_drone, drones::delete_drone))
+        .routes(routes!(
+            drones::get_drone,
+            drones::put_drone,
+            drones::patch_drone,
+            drones::delete_drone
+        ))
         .routes(routes!(drones::drone_state))
         .routes(routes!(drones::drone_events))
         .routes(routes!(drones::command_drone))

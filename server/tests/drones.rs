@@ -48,6 +48,15 @@ async fn drones_are_registered_and_their_keys_never_shown() {
         let path = format!("/v1/drones/{id}");
         assert_eq!(client.json("PUT", &path, &[], body).await.expect(422).code(), code);
     }
+    let changed = client.json("PATCH", "/v1/drones/3", &[], json!({"name": "right"})).await;
+    let changed = changed.expect(200).json();
+    assert_eq!((&changed["name"], &changed["vision"]), (&json!("right"), &json!("odometry")));
+    assert_eq!(changed["has_own_key"], true, "a key stays until it is replaced");
+    let replaced = client.json("PUT", "/v1/drones/3", &[], json!({"name": "right"})).await;
+    assert_eq!(replaced.expect(200).json()["has_own_key"], false);
+    let odd = client.json("PATCH", "/v1/drones/3", &[], json!({"signing_key": "0f"})).await;
+    assert_eq!(odd.expect(422).code(), "bad_signing_key");
+    client.json("PATCH", "/v1/drones/4", &[], json!({"name": "x"})).await.expect(404);
     client.json("PUT", "/v1/drones/300", &[], json!({"name": "x"})).await.expect(400);
     client.delete("/v1/drones/3").await.expect(204);
     client.get("/v1/drones/3").await.expect(404);

@@ -156,6 +156,9 @@ async fn fences_are_checked_and_kept() {
     let kept = client.get("/v1/geofences").await.expect(200).json();
     assert_eq!(kept.as_array().unwrap().len(), 1, "one fence per map");
     assert_eq!(kept[0]["margin_m"], 0.5);
+    client.delete(&format!("/v1/geofences/{map}")).await.expect(204);
+    assert_eq!(client.get("/v1/geofences").await.expect(200).json(), json!([]));
+    client.delete(&format!("/v1/geofences/{map}")).await.expect(404);
 }
 
 #[tokio::test]

@@ -196,6 +196,70 @@ async fn jobs_are_cancelled_waiting_and_running() {
     client.post(&format!("/v1/jobs/{waiting}/retry"), json!({})).await.expect(409);
 }
 
+/// What was finished is told and not done again, but for what a retry wants anew.
+#[tokio::test]
+async fn a_retry_takes_what_is_finished_up_to_a_stage() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let id = client.reconstruct(&["partial.jpg", "b.jpg"]).await;
+    let units_of = |job: Value| -> Vec<(String, u64)> {
+        let stages = job["stages"].as_array().unwrap().iter();
+        let told = |stage: &Value| {
+            (stage["name"].as_str().unwrap().to_owned(), stage["cached"].as_u64().unwrap())
+        };
+        stages.map(told).collect()
+    };
+    let first = client.finished(&id).await;
+    assert_eq!(first["warnings"][0]["code"], "not_metric", "{first:#}");
+    assert!(units_of(first).iter().all(|(_, cached)| *cached == 0));
+    let retry = |query: &str| {
+        let (client, path) = (client.clone(), format!("/v1/jobs/{id}/retry{query}"));
+        let id = id.clone();
+        async move {
+            let queued = client.post(&path, json!({})).await.expect(202).json();
+            assert_eq!(queued["warnings"], json!([]));
+            client.finished(&id).await
+        }
+    };
+    assert!(units_of(retry("").await).iter().all(|(_, cached)| *cached == 3));
+    for (name, cached) in units_of(retry("?from_stage=matching").await) {
+        let kept = ["features", "pairs"].contains(&name.as_str());
+        assert_eq!(cached, if kept { 3 } else { 0 }, "{name}");
+    }
+    assert!(units_of(retry("").await).iter().all(|(_, cached)| *cached == 3), "forgotten once");
+    let odd =
+        client.post(&format!("/v1/jobs/{id}/retry?from_stage=../.."), json!({})).await.expect(422);
+    assert_eq!(odd.code(), "bad_stage");
+}
+
+/// What the table of options lists is what a job may say, and what a preset means.
+#[tokio::test]
+async fn options_are_those_of_the_table() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let set = client.imageset(&["a.jpg", "b.jpg"]).await;
+    let submit = |options: Value| client_job(client, &set, options);
+    let presets = client.get("/v1/presets").await.expect(200).json();
+    assert_eq!(presets[1]["is_default"], true);
+    for option in client.get("/v1/options").await.expect(200).json().as_array().unwrap() {
+        let name = option["name"].as_str().unwrap();
+        for preset in presets.as_array().unwrap() {
+            let own = &preset["values"][name];
+            assert_eq!(*own, option["defaults"][preset["name"].as_str().unwrap()], "{name}");
+        }
+        let most = option["maximum"].as_u64().unwrap();
+        let job = submit(json!({ name: most })).await.expect(202).json();
+        assert_eq!(job["request"]["options"], json!({ name: most }));
+        let beyond = submit(json!({ name: most + 1 })).await.expect(422);
+        assert_eq!(beyond.code(), "bad_option", "{name}");
+    }
+    assert_eq!(submit(json!({"speed": 1})).await.expect(422).code(), "unknown_field");
+}
+
+async fn client_job(client: &support::Client, set: &str, options: Value) -> support::Answer {
+    client.post("/v1/jobs", json!({"imageset_ids": [set], "options": options})).await
+}
+
 #[tokio::test]
 async fn a_queue_has_an_end() {
     let server = Server::start_with(|config| config.limits.queued_jobs = 1).await;

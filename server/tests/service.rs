@@ -42,7 +42,7 @@ fn least_role(method: &str, path: &str) -> Role {
         return Role::Viewer;
     }
     match path.strip_prefix("/v1/").unwrap_or(path).split('/').next() {
-        Some("drones") if matches!(method, "PUT" | "DELETE") => Role::Admin,
+        Some("drones") if matches!(method, "PUT" | "PATCH" | "DELETE") => Role::Admin,
         Some("drones" | "flights" | "geofences" | "leases" | "all-stop") => Role::Pilot,
         _ => Role::Mapper,
     }

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use volery_pipeline::PoseSource;
+use volery_api::JobOptions;
+use volery_pipeline::{PoseSource, Preset, StageGroup};
 use volery_scene::KnownDistance;
 
-use super::values::{OriginArg, PresetArg, StageArg, known_distance, positive};
+use super::values::{OriginArg, PresetArg, StageArg, job_option, known_distance, positive};
 
 /// Poses that another program found.
 #[derive(Debug, Args)]
@@ -28,6 +29,35 @@ impl ModelArgs {
             (Some(_), false) => PoseSource::Given,
             (Some(_), true) => PoseSource::GivenMetric,
         }
+    }
+}
+
+/// How much is done.
+#[derive(Debug, Args)]
+pub(crate) struct EffortArgs {
+    /// Effort.
+    #[arg(long, value_enum, default_value = "balanced")]
+    preset: PresetArg,
+    /// How far to go: to the last one named, with all before it; where the preset ends by default.
+    #[arg(long, value_delimiter = ',', value_enum)]
+    stages: Vec<StageArg>,
+    /// A number that differs from the preset's; may be repeated. `volery options` lists them.
+    #[arg(long = "option", value_name = "NAME=NUMBER", value_parser = job_option)]
+    options: Vec<JobOptions>,
+}
+
+impl EffortArgs {
+    pub(crate) fn preset(&self) -> Preset {
+        self.preset.into()
+    }
+
+    pub(crate) fn stages(&self) -> Vec<StageGroup> {
+        self.stages.iter().map(|stage| (*stage).into()).collect()
+    }
+
+    /// The last one of a name counts.
+    pub(crate) fn options(&self) -> JobOptions {
+        self.options.iter().fold(JobOptions::default(), |all, one| one.over(&all))
     }
 }
 
@@ -56,21 +86,14 @@ pub(crate) struct ReconstructArgs {
     /// Measured distance between the cameras of two photos; may be repeated.
     #[arg(long, value_name = "A,B,METERS", value_parser = known_distance)]
     pub(crate) known_distance: Vec<KnownDistance>,
-    /// How far to go: to the last one named, with all before it; where the preset ends by default.
-    #[arg(long, value_delimiter = ',', value_enum)]
-    pub(crate) stages: Vec<StageArg>,
-    /// Effort.
-    #[arg(long, value_enum, default_value = "balanced")]
-    pub(crate) preset: PresetArg,
+    #[command(flatten)]
+    pub(crate) effort: EffortArgs,
     /// Seed of all random choices: equal seeds give equal maps.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
     /// Origin of the map; by default the frame of the positions if given, else the last camera.
     #[arg(long, value_enum)]
     pub(crate) origin: Option<OriginArg>,
-    /// Photos are made smaller until no side is longer, pixels.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(64..=16384))]
-    pub(crate) max_image_size: Option<u32>,
     /// Folder for finished units of work; kept. By default one inside OUT, removed at the end.
     #[arg(long)]
     pub(crate) work: Option<PathBuf>,

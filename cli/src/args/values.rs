@@ -1,7 +1,7 @@
 //! Values of arguments.
 
 use clap::ValueEnum;
-use volery_api::{LocalizeMethod, RegistrationMethod};
+use volery_api::{JobOptions, LocalizeMethod, RegistrationMethod};
 use volery_pipeline::{Preset, StageGroup};
 use volery_scene::{KnownDistance, OriginRule};
 
@@ -115,6 +115,15 @@ pub(super) fn known_distance(text: &str) -> Result<KnownDistance, String> {
     Ok(KnownDistance { image_a: a.to_owned(), image_b: b.to_owned(), meters })
 }
 
+/// `NAME=NUMBER`.
+pub(super) fn job_option(text: &str) -> Result<JobOptions, String> {
+    let (name, number) = text.split_once('=').ok_or("expected NAME=NUMBER")?;
+    let number = number.parse().map_err(|_| format!("{number:?} is no whole number"))?;
+    let mut options = JobOptions::default();
+    options.set(name, number)?;
+    Ok(options)
+}
+
 /// `udp:HOST:PORT`.
 pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
     let address = text.strip_prefix("udp:").ok_or("expected udp:HOST:PORT")?;
@@ -124,6 +133,14 @@ pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn options_are_checked_by_their_table() {
+        assert_eq!(job_option("max_features=500").unwrap().max_features, Some(500));
+        for bad in ["", "max_features", "max_features=", "max_features=1", "speed=3"] {
+            assert!(job_option(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn known_distances_are_checked() {

@@ -61,7 +61,7 @@ fn a_job_cancelled_in_every_stage_leaves_nothing_and_can_be_tried_again() {
                 assert_eq!(workers_of(server.id()), [0; 0], "cancelled in {hit}");
                 let is_hit = hit == stage;
                 hits.insert(hit);
-                client.retry_job(job).await.unwrap();
+                client.retry_job(job, None).await.unwrap();
                 if is_hit {
                     break;
                 }

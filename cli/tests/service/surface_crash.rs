@@ -55,7 +55,7 @@ fn a_surface_cancelled_and_killed_in_every_stage_is_the_same() {
                 assert_eq!(ended.state, JobState::Cancelled, "{ended:?}");
                 assert_eq!(ended.outputs, None);
                 cancelled.extend(ended.stage);
-                client.retry_job(job).await.unwrap();
+                client.retry_job(job, None).await.unwrap();
             }
         });
         let last = runtime.block_on(glance_until(&client, job, reached));

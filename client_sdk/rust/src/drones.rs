@@ -4,7 +4,7 @@ use reqwest::Method;
 use uuid::Uuid;
 use volery_api::{
     AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer,
-    DroneState, FrameAnswer, Lease, PutDrone,
+    DroneState, FrameAnswer, Lease, PatchDrone, PutDrone,
 };
 
 use crate::{Client, ClientError};
@@ -28,6 +28,11 @@ impl Client {
     /// Registers a drone or replaces its settings.
     pub async fn put_drone(&self, id: u8, drone: &PutDrone) -> Result<Drone, ClientError> {
         self.call(Method::PUT, &format!("/v1/drones/{id}"), drone).await
+    }
+
+    /// Changes settings of a registered drone; what is absent stays, also its key.
+    pub async fn patch_drone(&self, id: u8, change: &PatchDrone) -> Result<Drone, ClientError> {
+        self.call(Method::PATCH, &format!("/v1/drones/{id}"), change).await
     }
 
     /// Commands a drone. It is sent once: a command that is late must not come at all.

@@ -62,6 +62,11 @@ impl Client {
         self.get("/v1/geofences").await
     }
 
+    /// Takes the fence of a map away.
+    pub async fn delete_geofence(&self, map: Uuid) -> Result<(), ClientError> {
+        self.delete(&format!("/v1/geofences/{map}")).await
+    }
+
     /// Sets the fence of a map.
     pub async fn put_geofence(&self, fence: &Geofence) -> Result<Geofence, ClientError> {
         self.call(Method::PUT, "/v1/geofences", fence).await

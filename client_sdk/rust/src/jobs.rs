@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use reqwest::Method;
 use uuid::Uuid;
-use volery_api::{CreateJob, Job, JobEvent, JobEvents, JobState};
+use volery_api::{CreateJob, Job, JobEvent, JobEvents, JobOption, JobState, PresetInfo};
 
 use crate::{Client, ClientError};
 
@@ -15,6 +15,16 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 const MAX_ABSENCE: Duration = Duration::from_secs(60);
 
 impl Client {
+    /// What each preset means.
+    pub async fn presets(&self) -> Result<Vec<PresetInfo>, ClientError> {
+        self.get("/v1/presets").await
+    }
+
+    /// The numbers that a job may set, with their ranges and defaults.
+    pub async fn job_options(&self) -> Result<Vec<JobOption>, ClientError> {
+        self.get("/v1/options").await
+    }
+
     /// Submits a job.
     pub async fn create_job(&self, request: &CreateJob) -> Result<Job, ClientError> {
         self.call(Method::POST, "/v1/jobs", request).await
@@ -36,9 +46,11 @@ impl Client {
         self.call(Method::POST, &format!("/v1/jobs/{id}/cancel"), &serde_json::json!({})).await
     }
 
-    /// Runs an ended job again.
-    pub async fn retry_job(&self, id: Uuid) -> Result<Job, ClientError> {
-        self.call(Method::POST, &format!("/v1/jobs/{id}/retry"), &serde_json::json!({})).await
+    /// Runs an ended job again; `from_stage` and what comes after it is done anew, whatever is
+    /// finished of it.
+    pub async fn retry_job(&self, id: Uuid, from_stage: Option<&str>) -> Result<Job, ClientError> {
+        let from = from_stage.map_or(String::new(), |stage| format!("?from_stage={stage}"));
+        self.call(Method::POST, &format!("/v1/jobs/{id}/retry{from}"), &serde_json::json!({})).await
     }
 
     /// Forgets an ended job.

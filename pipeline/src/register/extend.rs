@@ -6,7 +6,7 @@ use std::{
 };
 
 use volery_api::Registration;
-use volery_scene::Progress;
+use volery_scene::Stage;
 
 use super::{
     Frame, MapSource, PhotoReport, RegisterReport, finish,
@@ -15,7 +15,7 @@ use super::{
     whole::Whole,
 };
 use crate::{
-    JobSpec, PipelineError, StageGroup,
+    JobSpec, PipelineError, StageGroup, StageProgress,
     cache::Cache,
     error::code,
     ingest::{Fate, Ingested, ingest},
@@ -43,11 +43,11 @@ pub fn extend_map(
     work_dir: &Path,
     new_dir: &Path,
     out_dir: &Path,
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<RegisterReport, PipelineError> {
     let mut parts = vec![Part::open(&map.name, &map.folder)?];
     let options = StageOptions::of(spec);
-    let ingested = ingest(spec, &options, &Cache::open(work_dir, "features")?, progress)?;
+    let ingested = ingest(spec, &options, &Cache::open(work_dir, Stage::Features)?, progress)?;
     let mut photos = PhotoList::new(&parts[0], spec, &ingested);
     if photos.fresh.is_empty() {
         return Err(photos.nothing_new());

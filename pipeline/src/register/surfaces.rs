@@ -4,14 +4,14 @@ use std::{fs, path::PathBuf};
 
 use volery_formats::read_ply_of_cloud;
 use volery_registration::{NearbyOptions, Zone, register_anywhere};
-use volery_scene::{EnvironmentMap, ImageId, Progress, RegisteredImage};
+use volery_scene::{EnvironmentMap, ImageId, RegisteredImage};
 
 use super::{
     pairs::{Found, told},
     part::Part,
 };
 use crate::{
-    JobSpec, PipelineError, StageGroup,
+    JobSpec, PipelineError, StageGroup, StageProgress,
     error::code,
     files::Files,
     map_folder::{MapInfo, file},
@@ -66,7 +66,7 @@ pub(super) fn surface_of_whole(
     info: &MapInfo,
     photos: &[PathBuf],
     folders: [&std::path::Path; 2],
-    progress: &dyn Progress,
+    progress: &dyn StageProgress,
 ) -> Result<(SurfaceTrace, usize), PipelineError> {
     if !spec.runs(StageGroup::Dense) {
         return Ok((SurfaceTrace::default(), 0));

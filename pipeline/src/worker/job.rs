@@ -9,19 +9,16 @@ use std::{
 };
 
 use volery_api::{
-    JobKind,
-    worker::{JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER},
+    JobKind, Warning,
+    worker::{CACHE_FOLDER, JOB_FILE, JobLine, JobResult, JobSpec, OUT_FOLDER},
 };
 use volery_scene::{Progress, Stage};
 
 use super::{job_spec::job_spec, parent};
 use crate::{
-    MapSource, PipelineError, RegisterReport, Summary, error::code, extend_map, reconstruct,
-    register_maps, summary::Warning,
+    MapSource, PipelineError, RegisterReport, StageProgress, Summary, error::code, extend_map,
+    reconstruct, register_maps,
 };
-
-/// Finished units, beside the map folder.
-const CACHE_FOLDER: &str = "cache";
 
 /// Map of the photos that join another one.
 const NEW_FOLDER: &str = "new";
@@ -38,8 +35,8 @@ pub fn run_job(work_dir: &Path, is_cancelled: &(dyn Fn() -> bool + Sync)) -> std
     parent::leave_with_it();
     let lines = Lines { is_cancelled, state: Mutex::new(State::default()) };
     let result = match job(work_dir, &lines) {
-        Ok((result, warnings)) => {
-            for warning in &warnings {
+        Ok(result) => {
+            for warning in &result.warnings {
                 lines.write(&JobLine::Log {
                     level: "warn".to_owned(),
                     message: format!("{}: {}", warning.code, warning.detail),
@@ -58,7 +55,7 @@ pub fn run_job(work_dir: &Path, is_cancelled: &(dyn Fn() -> bool + Sync)) -> std
     lines.write(&JobLine::Result(result))
 }
 
-fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), PipelineError> {
+fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<JobResult, PipelineError> {
     let _lock = lock(&work_dir.join(LOCK_FILE))?;
     let path = work_dir.join(JOB_FILE);
     let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
@@ -79,10 +76,10 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
     match kind {
         JobKind::Reconstruct => {
             let summary = reconstruct(&spec, &cache, &out, lines)?;
-            Ok((success(&summary), summary.warnings))
+            Ok(success(summary))
         }
         JobKind::RegisterMaps => {
-            Ok((registered(&register_maps(&maps, &how, &spec, &cache, &out, lines)?), Vec::new()))
+            Ok(registered(&register_maps(&maps, &how, &spec, &cache, &out, lines)?))
         }
         JobKind::ExtendMap => {
             let [map] = &maps[..] else {
@@ -90,7 +87,7 @@ fn job(work_dir: &Path, lines: &Lines<'_>) -> Result<(JobResult, Vec<Warning>), 
                 return Err(PipelineError::plain(code::BAD_INPUT, detail));
             };
             let new = work_dir.join(NEW_FOLDER);
-            Ok((registered(&extend_map(map, &spec, &cache, &new, &out, lines)?), Vec::new()))
+            Ok(registered(&extend_map(map, &spec, &cache, &new, &out, lines)?))
         }
     }
 }
@@ -102,20 +99,21 @@ fn lock(path: &Path) -> Result<File, PipelineError> {
     Ok(file)
 }
 
-fn success(summary: &Summary) -> JobResult {
+fn success(summary: Summary) -> JobResult {
     let complete = summary.is_complete();
-    result((!complete).then(|| {
-        let lack = lack(summary);
+    let lack = (!complete).then(|| {
+        let lack = lack(&summary);
         PipelineError { hint: lack.hint.or_else(|| summary.advice.first().cloned()), ..lack }
-    }))
+    });
+    result(lack, summary.warnings)
 }
 
 fn registered(report: &RegisterReport) -> JobResult {
-    result(report.lack())
+    result(report.lack(), Vec::new())
 }
 
 /// A map is there; it may lack something.
-fn result(lack: Option<PipelineError>) -> JobResult {
+fn result(lack: Option<PipelineError>, warnings: Vec<Warning>) -> JobResult {
     JobResult {
         ok: true,
         state: Some(if lack.is_none() { "succeeded" } else { "partial" }.to_owned()),
@@ -123,6 +121,7 @@ fn result(lack: Option<PipelineError>) -> JobResult {
         code: lack.as_ref().map(|lack| lack.code.clone()),
         detail: lack.as_ref().map(|lack| lack.detail.clone()),
         hint: lack.and_then(|lack| lack.hint),
+        warnings,
     }
 }
 
@@ -187,5 +186,15 @@ impl Progress for Lines<'_> {
 
     fn is_cancelled(&self) -> bool {
         (self.is_cancelled)()
+    }
+}
+
+impl StageProgress for Lines<'_> {
+    fn reused(&self, stage: Stage, units: usize) {
+        if units > 0 {
+            let line = JobLine::Reused { stage: stage.name().to_owned(), units: units as u64 };
+            // As above.
+            let _ = self.write(&line);
+        }
     }
 }

@@ -28,7 +28,7 @@ pub(crate) fn job_spec(wire: worker::JobSpec, work_dir: &Path) -> Result<JobSpec
         seed: wire.seed,
         origin: wire.origin.map(origin),
         poses: wire.poses,
-        max_image_size: wire.max_image_size,
+        options: wire.options,
         stages: wire.stages,
     })
 }

@@ -8,7 +8,7 @@ use std::{
 };
 
 use volery_geometry::{Camera, CameraModel, Isometry3, Point3, Vector3};
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, StageGroup};
+use volery_pipeline::{CameraSpec, ImageInput, JobSpec, StageGroup, StageProgress};
 use volery_scene::{Progress, Stage};
 use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
 
@@ -82,6 +82,8 @@ impl Progress for StopIn {
         self.stopped.load(Ordering::Relaxed)
     }
 }
+
+impl StageProgress for StopIn {}
 
 impl StopIn {
     pub(crate) fn new(stage: Stage) -> Self {

@@ -134,6 +134,11 @@ impl Drones {
         });
     }
 
+    /// The settings of a registered drone, with its key.
+    pub(crate) fn settings(&self, id: u8) -> Option<PutDrone> {
+        self.shared.with(|state, _| state.registered.get(&id).cloned())
+    }
+
     /// Takes the settings of a drone away. Returns whether it had any.
     pub(crate) fn unregister(&self, id: u8) -> bool {
         self.shared.with(|state, now| {

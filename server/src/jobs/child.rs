@@ -161,6 +161,10 @@ impl Teller<'_> {
                 let told = self.tracker.step(step, Instant::now(), &stamp);
                 if told.is_empty() { Ok(Ok(())) } else { self.write(&told).await }
             }
+            Ok(JobLine::Reused { stage, units }) => {
+                self.tracker.reused(&stage, units);
+                Ok(Ok(()))
+            }
             Ok(JobLine::Log { level, message }) => {
                 self.app.store.log_job(self.lease, &level, &message).await
             }

@@ -6,4 +6,5 @@ mod progress;
 mod run;
 mod spec;
 
+pub(crate) use progress::stages_from;
 pub(crate) use run::run_jobs;

@@ -19,6 +19,12 @@ const WEIGHTS: [(StageGroup, &str, f64); 10] = [
     (StageGroup::Mesh, "texturing", 0.5),
 ];
 
+/// A stage and all after it, by name.
+pub(crate) fn stages_from(name: &str) -> Option<impl Iterator<Item = &'static str>> {
+    let first = WEIGHTS.iter().position(|(_, stage, _)| *stage == name)?;
+    Some(WEIGHTS[first..].iter().map(|(_, stage, _)| *stage))
+}
+
 /// Time between two events of progress.
 const INTERVAL: Duration = Duration::from_millis(250);
 
@@ -79,6 +85,7 @@ impl Tracker {
                 done: step.done,
                 total: step.total,
                 unit: step.unit.clone(),
+                cached: 0,
             });
             self.began = Some((now, step.done));
         }
@@ -106,6 +113,14 @@ impl Tracker {
             told.push(("job.progress", self.data()));
         }
         told
+    }
+
+    /// Takes in how much of a stage was found finished.
+    pub(super) fn reused(&mut self, stage: &str, units: u64) {
+        if let Some(stage) = self.stages.iter_mut().rev().find(|known| known.name == stage) {
+            stage.cached = units;
+            self.untold = true;
+        }
     }
 
     /// What was held back to not tell too often, once it may be told.

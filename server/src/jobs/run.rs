@@ -96,7 +96,7 @@ async fn work(
     lease: Lease,
     heart: &mut Heart,
 ) -> ApiResult<Option<Finish>> {
-    match prepare(app, job).await {
+    match prepare(app, job, lease).await {
         Ok(()) => {}
         Err(error) if matches!(error.code, Code::Unprocessable(_) | Code::NotFound) => {
             return Ok(Some(Finish::Failed(to_job_error(&error))));
@@ -150,6 +150,7 @@ async fn rescued(app: &Arc<App>, job: &JobRow, error: JobError) -> ApiResult<Fin
         detail: Some(detail),
         hint,
         map: None,
+        warnings: Vec::new(),
     };
     publish(app, job, result).await
 }
@@ -208,7 +209,8 @@ async fn publish(app: &Arc<App>, job: &JobRow, result: JobResult) -> ApiResult<F
         detail: result.detail.unwrap_or_default(),
         hint: result.hint,
     });
-    Ok(Finish::Map { state, version: Box::new(version), error })
+    let warnings = result.warnings;
+    Ok(Finish::Map { state, version: Box::new(version), error, warnings })
 }
 
 /// The map of a job that names none: the same for every run, so that a retry adds a version.

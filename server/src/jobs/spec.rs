@@ -1,30 +1,48 @@
 //! What a child is told.
 
-use std::collections::HashSet;
+use std::{collections::HashSet, path::Path};
 
 use volery_api::{
     CreateJob, Image, JobKind,
-    worker::{JOB_FILE, JobImage, JobMap, JobSpec},
+    worker::{CACHE_FOLDER, JOB_FILE, JobImage, JobMap, JobSpec},
 };
 
+use super::progress::stages_from;
 use crate::{
     error::{ApiError, ApiResult, Code},
     state::App,
-    store::{JobRow, blobs::write_whole},
+    store::{JobRow, Lease, blobs::write_whole},
 };
 
 /// Fills the work folder of a job. The same request over the same image sets and maps gives the
 /// same file.
-pub(super) async fn prepare(app: &App, job: &JobRow) -> ApiResult<()> {
+pub(super) async fn prepare(app: &App, job: &JobRow, lease: Lease) -> ApiResult<()> {
     let spec = spec(app, &job.request).await?;
     let text = serde_json::to_vec_pretty(&spec)?;
     let folder = app.job_folder(job.id);
+    let anew: Vec<_> =
+        job.from_stage.as_deref().and_then(stages_from).into_iter().flatten().collect();
     tokio::task::spawn_blocking(move || {
         std::fs::create_dir_all(&folder)?;
+        for stage in anew {
+            forget(&folder.join(CACHE_FOLDER).join(stage))?;
+        }
         write_whole(&folder.join(JOB_FILE), &text)
     })
     .await??;
+    if job.from_stage.is_some() {
+        // A lost lease shows at the next beat.
+        let _ = app.store.stages_forgotten(lease).await?;
+    }
     Ok(())
+}
+
+/// Deletes a folder that may not be there.
+fn forget(folder: &Path) -> std::io::Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
 }
 
 async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
@@ -67,7 +85,7 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
         seed: request.seed,
         origin: request.origin,
         poses: request.poses,
-        max_image_size: request.max_image_size,
+        options: request.options,
         stages: request.stages.clone(),
     })
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::{Json, extract::State};
 use volery_api::{
     AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DronePoseAnswer,
-    DroneState, EventsQuery, Page, PutDrone,
+    DroneState, EventsQuery, Page, PatchDrone, PutDrone,
 };
 use volery_flight::CommandRefusal;
 
@@ -62,7 +62,28 @@ pub(crate) async fn put_drone(
     At(id): At<u8>,
     Body(drone): Body<PutDrone>,
 ) -> ApiResult<Json<Drone>> {
-    let drones = drones(&app)?;
+    save(&app, id, drone).await.map(Json)
+}
+
+/// Changes settings of a registered drone; what is not named stays, also its key.
+#[utoipa::path(patch, path = "/v1/drones/{id}", tag = "drones", request_body = PatchDrone,
+    params(("id" = u8, Path, description = "MAVLink system id")),
+    responses((status = 200, description = "The drone", body = Drone)))]
+pub(crate) async fn patch_drone(
+    State(app): State<Arc<App>>,
+    _caller: Admin,
+    At(id): At<u8>,
+    Body(change): Body<PatchDrone>,
+) -> ApiResult<Json<Drone>> {
+    let known = drones(&app)?.settings(id).ok_or_else(|| {
+        ApiError::not_found("registered drone", id).hint("PUT /v1/drones/{id} registers it")
+    })?;
+    save(&app, id, change.applied_to(known)).await.map(Json)
+}
+
+/// Keeps settings that make sense, and flies by them.
+async fn save(app: &App, id: u8, drone: PutDrone) -> ApiResult<Drone> {
+    let drones = drones(app)?;
     check_name(&drone.name)?;
     if drone.signing_key.as_deref().is_some_and(|key| parse_key(key).is_none()) {
         let code = Code::Unprocessable("bad_signing_key");
@@ -77,7 +98,7 @@ pub(crate) async fn put_drone(
     }
     app.store.put_drone(id, &drone).await?;
     drones.register(id, drone);
-    drones.get(id).map(Json).ok_or_else(|| not_heard(id))
+    drones.get(id).ok_or_else(|| not_heard(id))
 }
 
 /// Takes the settings of a drone away; one that is still heard stays in the list.

@@ -14,7 +14,7 @@ use volery_formats::read_occupancy;
 
 use super::drones::{drones, not_heard};
 use crate::{
-    answer::{Accepted, Created},
+    answer::{Accepted, Created, Deleted},
     auth::{Caller, Pilot, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{At, Body},
@@ -194,6 +194,22 @@ pub(crate) async fn put_geofence(
     parse_fence(&fence)?;
     app.store.put_geofence(&fence).await?;
     Ok(Json(fence))
+}
+
+/// Takes the fence of a map away: flights planned from now on keep inside the bounds of the map.
+#[utoipa::path(delete, path = "/v1/geofences/{id}", tag = "flights",
+    params(("id" = Uuid, Path, description = "Of the map")),
+    responses((status = 204, description = "Gone")))]
+pub(crate) async fn delete_geofence(
+    State(app): State<Arc<App>>,
+    _caller: Pilot,
+    At(id): At<Uuid>,
+) -> ApiResult<Deleted> {
+    if app.store.delete_geofence(id).await? {
+        Ok(Deleted)
+    } else {
+        Err(ApiError::not_found("fence of map", id))
+    }
 }
 
 fn wish(app: &App, caller: &Caller, id: Uuid, wish: Wish) -> ApiResult<Accepted<Flight>> {

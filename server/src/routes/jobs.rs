@@ -10,8 +10,9 @@ use axum::{
 };
 use uuid::Uuid;
 use volery_api::{
-    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobKind, JobState, JobsQuery, KnownDistance,
-    LogQuery, Page, RegisterMaps, worker::OUT_FOLDER,
+    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobKind, JobOption, JobState, JobsQuery,
+    KnownDistance, LogQuery, Page, Preset, PresetInfo, RegisterMaps, RetryQuery, job_options,
+    worker::OUT_FOLDER,
 };
 
 use super::{
@@ -26,6 +27,7 @@ use crate::{
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
     idempotency::Identity,
+    jobs::stages_from,
     state::App,
     store::PageAt,
 };
@@ -74,6 +76,9 @@ fn accepted(job: Job) -> Accepted<Job> {
 
 async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
     let bad = |code, detail: String| Err(ApiError::new(Code::Unprocessable(code), detail));
+    if let Some(problem) = request.options.problem() {
+        return bad("bad_option", problem);
+    }
     check_maps(app, request).await?;
     if request.kind == JobKind::RegisterMaps {
         return request.map_name.as_deref().map_or(Ok(()), check_name);
@@ -93,9 +98,6 @@ async fn check_request(app: &App, request: &CreateJob) -> ApiResult<()> {
     let wrong = |distance: &&KnownDistance| !(distance.meters.is_finite() && distance.meters > 0.0);
     if let Some(distance) = request.known_distances.iter().find(wrong) {
         return bad("bad_distance", format!("a distance of {} m", distance.meters));
-    }
-    if request.max_image_size.is_some_and(|size| !(64..=16_384).contains(&size)) {
-        return bad("bad_image_size", "max_image_size must be 64 to 16384".to_owned());
     }
     let mut images = 0;
     for (index, &id) in request.imageset_ids.iter().enumerate() {
@@ -196,16 +198,22 @@ pub(crate) async fn cancel_job(
     Ok(accepted(job))
 }
 
-/// Runs a failed, cancelled or partial job again. What it has finished is not done again.
+/// Runs a failed, cancelled or partial job again. What it has finished is not done again, but for
+/// `from_stage` and what comes after it.
 #[utoipa::path(post, path = "/v1/jobs/{id}/retry", tag = "jobs",
-    params(("id" = Uuid, Path, description = "Of the job")),
+    params(RetryQuery, ("id" = Uuid, Path, description = "Of the job")),
     responses((status = 202, description = "The job", body = Job)))]
 pub(crate) async fn retry_job(
     State(app): State<Arc<App>>,
     _caller: Mapper,
     At(id): At<Uuid>,
+    Asked(RetryQuery { from_stage }): Asked<RetryQuery>,
 ) -> ApiResult<Accepted<Job>> {
-    let job = app.store.retry_job(id).await?;
+    if let Some(stage) = from_stage.as_deref().filter(|stage| stages_from(stage).is_none()) {
+        let detail = format!("there is no stage {stage:?}");
+        return Err(ApiError::new(Code::Unprocessable("bad_stage"), detail));
+    }
+    let job = app.store.retry_job(id, from_stage.as_deref()).await?;
     app.job_queued.notify_one();
     Ok(accepted(job))
 }
@@ -226,6 +234,20 @@ pub(crate) async fn delete_job(
         tracing::warn!(job = %id, %error, "cannot delete the work folder of job {id}");
     }
     Ok(Deleted)
+}
+
+/// What each preset means.
+#[utoipa::path(get, path = "/v1/presets", tag = "jobs",
+    responses((status = 200, description = "Presets", body = Vec<PresetInfo>)))]
+pub(crate) async fn presets(_caller: Viewer) -> Json<Vec<PresetInfo>> {
+    Json(Preset::ALL.into_iter().map(PresetInfo::from).collect())
+}
+
+/// The numbers that a job may set in its `options`, with their ranges and defaults.
+#[utoipa::path(get, path = "/v1/options", tag = "jobs",
+    responses((status = 200, description = "Options", body = Vec<JobOption>)))]
+pub(crate) async fn options(_caller: Viewer) -> Json<Vec<JobOption>> {
+    Json(job_options())
 }
 
 /// What happened to a job, in order.

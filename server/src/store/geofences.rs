@@ -24,6 +24,15 @@ impl Store {
         Ok(())
     }
 
+    /// Whether there was one to delete.
+    pub(crate) async fn delete_geofence(&self, map: Uuid) -> ApiResult<bool> {
+        let result = sqlx::query("DELETE FROM geofences WHERE map_id = ?1")
+            .bind(map.to_string())
+            .execute(&self.writer)
+            .await?;
+        Ok(result.rows_affected() > 0)
+    }
+
     /// The fence of a map.
     pub(crate) async fn geofence(&self, map: Uuid) -> ApiResult<Option<Geofence>> {
         let row = sqlx::query("SELECT fence FROM geofences WHERE map_id = ?1")

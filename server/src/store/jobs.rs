@@ -20,6 +20,8 @@ pub(crate) struct JobRow {
     pub(crate) attempt: u32,
     pub(crate) max_attempts: u32,
     pub(crate) lease_token: i64,
+    /// The first stage that is done anew, until what was finished is forgotten.
+    pub(crate) from_stage: Option<String>,
 }
 
 const SELECT_JOB: &str = "SELECT j.*, (SELECT COUNT(*) FROM jobs q WHERE q.state = 'queued' AND
@@ -150,8 +152,9 @@ impl Store {
         self.job(id).await
     }
 
-    /// Queues a job again that failed, was cancelled or is partial.
-    pub(crate) async fn retry_job(&self, id: Uuid) -> ApiResult<Job> {
+    /// Queues a job again that failed, was cancelled or is partial; `from_stage` and what comes
+    /// after it is done anew.
+    pub(crate) async fn retry_job(&self, id: Uuid, from_stage: Option<&str>) -> ApiResult<Job> {
         let mut tx = self.begin().await?;
         let state = state_of(&mut tx, id).await?;
         if !matches!(state, JobState::Failed | JobState::Cancelled | JobState::Partial) {
@@ -162,10 +165,11 @@ impl Store {
         sqlx::query(
             "UPDATE jobs SET state = 'queued', attempt = 0, interruptions = 0, error = NULL,
              cancel_requested = 0, run_after_ms = ?2, finished_ms = NULL, stage = NULL,
-             progress = '{}', stages = '[]' WHERE id = ?1",
+             progress = '{}', stages = '[]', warnings = '[]', from_stage = ?3 WHERE id = ?1",
         )
         .bind(id.to_string())
         .bind(clock::now_ms())
+        .bind(from_stage)
         .execute(&mut *tx)
         .await?;
         let queued = value!({ "state": "queued" });
@@ -225,6 +229,7 @@ fn job(row: &SqliteRow) -> Result<Job, sqlx::Error> {
         stages: json(row.try_get("stages")?)?,
         attempt: row.try_get("attempt")?,
         cancel_requested: row.try_get::<i64, _>("cancel_requested")? != 0,
+        warnings: json(row.try_get("warnings")?)?,
         error: row.try_get::<Option<&str>, _>("error")?.map(json).transpose()?,
         outputs: map_id.zip(version).map(|(map_id, version)| JobOutputs { map_id, version }),
         request,

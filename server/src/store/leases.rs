@@ -6,7 +6,7 @@
 use serde_json::json as value;
 use sqlx::{Row, Sqlite, Transaction};
 use uuid::Uuid;
-use volery_api::{JobError, JobEvent, JobProgress, JobStage, JobState};
+use volery_api::{JobError, JobEvent, JobProgress, JobStage, JobState, Warning};
 
 use super::{JobRow, NewVersion, Store, events, json, maps, uuid};
 use crate::{clock, error::ApiResult};
@@ -31,7 +31,12 @@ pub(crate) type Outcome<T> = Result<T, LeaseLost>;
 /// How a run ended.
 pub(crate) enum Finish {
     /// `succeeded` or `partial`.
-    Map { state: JobState, version: Box<NewVersion>, error: Option<JobError> },
+    Map {
+        state: JobState,
+        version: Box<NewVersion>,
+        error: Option<JobError>,
+        warnings: Vec<Warning>,
+    },
     /// For good.
     Failed(JobError),
     /// As asked.
@@ -55,7 +60,7 @@ impl Store {
                  (state = 'queued' AND run_after_ms <= ?3) OR
                  (state = 'running' AND lease_until_ms < ?3 AND attempt < max_attempts)
                  ORDER BY priority DESC, run_after_ms, seq LIMIT 1)
-             RETURNING id, request, attempt, max_attempts, lease_token",
+             RETURNING id, request, attempt, max_attempts, lease_token, from_stage",
         )
         .bind(owner.to_string())
         .bind(now + lease_ms)
@@ -69,12 +74,26 @@ impl Store {
             attempt: row.try_get("attempt")?,
             max_attempts: row.try_get("max_attempts")?,
             lease_token: row.try_get("lease_token")?,
+            from_stage: row.try_get("from_stage")?,
         };
         let running = value!({ "state": "running", "attempt": job.attempt });
         let event = events::append(&mut tx, job.id, "job.state", running).await?;
         tx.commit().await?;
         self.tell(job.id, [event]);
         Ok(Some(job))
+    }
+
+    /// Remembers that what a retry wants done anew is gone from the work folder.
+    pub(crate) async fn stages_forgotten(&self, lease: Lease) -> ApiResult<Outcome<()>> {
+        let result = sqlx::query(
+            "UPDATE jobs SET from_stage = NULL
+             WHERE id = ?1 AND lease_token = ?2 AND state = 'running'",
+        )
+        .bind(lease.job.to_string())
+        .bind(lease.token)
+        .execute(&self.writer)
+        .await?;
+        Ok(if result.rows_affected() == 0 { Err(LeaseLost) } else { Ok(()) })
     }
 
     /// Keeps the lease; answers whether someone asked the job to stop.
@@ -164,8 +183,10 @@ impl Store {
         let mut tx = self.begin().await?;
         let Some(cancelled) = held(&mut tx, lease).await? else { return Ok(Err(LeaseLost)) };
         let finish = if cancelled { Finish::Cancelled } else { finish };
+        let mut told = Vec::new();
         let (state, error, outputs, run_after, uncount) = match finish {
-            Finish::Map { state, version, error } => {
+            Finish::Map { state, version, error, warnings } => {
+                told = warnings;
                 let number = maps::insert_version(&mut tx, &version, now).await?;
                 (state, error, Some((version.map_id, number)), now, 0)
             }
@@ -181,7 +202,7 @@ impl Store {
             "UPDATE jobs SET state = ?2, error = ?3, map_id = COALESCE(?4, map_id),
              map_version = COALESCE(?5, map_version), run_after_ms = ?6, finished_ms = ?7,
              attempt = MAX(attempt - ?8, 0), interruptions = interruptions + ?8,
-             lease_owner = NULL, lease_until_ms = NULL WHERE id = ?1",
+             warnings = ?9, lease_owner = NULL, lease_until_ms = NULL WHERE id = ?1",
         )
         .bind(lease.job.to_string())
         .bind(state.name())
@@ -191,6 +212,7 @@ impl Store {
         .bind(run_after)
         .bind(state.is_final().then_some(now))
         .bind(uncount)
+        .bind(serde_json::to_string(&told)?)
         .execute(&mut *tx)
         .await?;
         let mut data = value!({ "state": state.name() });

@@ -31,10 +31,11 @@ pub(crate) use jobs::JobRow;
 pub(crate) use leases::{Finish, Lease, LeaseLost};
 pub(crate) use maps::NewVersion;
 
-const MIGRATIONS: [(i64, &str, &str); 3] = [
+const MIGRATIONS: [(i64, &str, &str); 4] = [
     (1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql")),
     (2, "drones", include_str!("../../../migrations/sqlite/0002_drones.sql")),
     (3, "geofences", include_str!("../../../migrations/sqlite/0003_geofences.sql")),
+    (4, "job details", include_str!("../../../migrations/sqlite/0004_job_details.sql")),
 ];
 
 /// The rows. Writes go through one connection, so a transaction never waits for another.

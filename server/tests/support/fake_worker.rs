@@ -56,12 +56,17 @@ fn run_job(folder: &Path) {
         return;
     }
     for stage in ["features", "pairs", "matching", "mapping", "align", "export"] {
+        let mut reused = 0;
         for done in 0..=names.len() {
             say(json!({"type": "progress", "stage": stage, "done": done, "total": names.len(),
                 "unit": "images"}));
             // Every unit leaves a trace once, so that a resumed run can be told from a fresh one.
-            let unit = folder.join(format!("{stage}-{done}"));
-            if !unit.exists() {
+            let units = folder.join("cache").join(stage);
+            fs::create_dir_all(&units).expect("room");
+            let unit = units.join(done.to_string());
+            if unit.exists() {
+                reused += 1;
+            } else {
                 let mut log = fs::OpenOptions::new()
                     .append(true)
                     .create(true)
@@ -83,6 +88,7 @@ fn run_job(folder: &Path) {
                 }
             }
         }
+        say(json!({"type": "reused", "stage": stage, "units": reused}));
     }
     write_map(folder, &names, &spec["maps"]);
     if told("late death") {
@@ -90,7 +96,9 @@ fn run_job(folder: &Path) {
     }
     say(json!({"type": "log", "level": "info", "message": "the map is written"}));
     let state = if told("partial") { "partial" } else { "succeeded" };
-    say(json!({"type": "result", "ok": true, "state": state, "map": "out"}));
+    let warnings = [json!({"code": "not_metric", "detail": "no unit", "hint": "measure"})];
+    say(json!({"type": "result", "ok": true, "state": state, "map": "out",
+        "warnings": warnings}));
 }
 
 /// `map.json` also tells how many photos came with each map that is joined.

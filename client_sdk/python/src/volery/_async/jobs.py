@@ -124,9 +124,10 @@ class AsyncJob:
         self.info = await self._api.cancel_job(self.id)
         return self
 
-    async def retry(self) -> AsyncJob:
-        """Runs it again; what it has finished is not done again."""
-        self.info = await self._api.retry_job(self.id)
+    async def retry(self, *, from_stage: Optional[str] = None) -> AsyncJob:
+        """Runs it again; what it has finished is not done again, but for `from_stage` and what
+        comes after it."""
+        self.info = await self._api.retry_job(self.id, from_stage=from_stage)
         return self
 
     async def log(self) -> str:
