@@ -40,7 +40,7 @@ export function after(job: Job, event: JobEvent): Job {
     const known = job.stages.some(({ name }) => name === stage);
     const stages = known ? job.stages : [
       ...close(job.stages, event.time),
-      { name: stage, state: 'running', started: event.time, done, total, unit },
+      { name: stage, state: 'running', started: event.time, done, total, unit, cached: 0 },
     ];
     next.stages = stages.map((one) => (one.name === stage ? { ...one, done, total, unit } : one));
   }

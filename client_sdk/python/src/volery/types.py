@@ -373,8 +373,8 @@ class CreateJob(Wire):
     """Which point is the origin."""
     poses: Optional[PoseSource] = None
     """Where the poses of the photos come from."""
-    max_image_size: Optional[int] = None
-    """Photos are made smaller until no side is longer, pixels."""
+    options: Optional[JobOptions] = None
+    """Numbers that differ from those of the preset."""
     stages: Sequence[StageGroup] = ()
     """How far to go: to the last one named, with all before it; where the preset ends when empty.
     """
@@ -698,6 +698,28 @@ class DroneTarget(Wire):
 
 
 @dataclass(frozen=True)
+class Effort(Wire):
+    """The numbers that a preset sets."""
+
+    max_image_size: int
+    """Photos are made smaller until no side is longer."""
+    max_features: int
+    """Features of a photo at most."""
+    similar_images: int
+    """Photos that look alike, to each of which a photo is matched."""
+    depth_map_pixels: int
+    """Pixels of a depth map at most."""
+    depth_map_sources: int
+    """Other photos that a depth map is computed from at most."""
+    octree_depth: int
+    """Greatest depth of the octree that the surface is found in."""
+    max_triangles: int
+    """Triangles of the mesh at most."""
+    texture_size: int
+    """Longest side of the picture on the mesh."""
+
+
+@dataclass(frozen=True)
 class FenceBlock(Wire):
     """An upright block."""
 
@@ -1010,6 +1032,8 @@ class Job(Wire):
     """Runs so far."""
     cancel_requested: bool
     """Whether someone asked it to stop."""
+    warnings: Sequence[Warning]
+    """What the user of its map should know."""
     request: CreateJob
     """What was asked for."""
     last_event: int
@@ -1073,6 +1097,51 @@ JobKind = Literal["reconstruct", "register_maps", "extend_map"]
 
 
 @dataclass(frozen=True)
+class JobOption(Wire):
+    """A number that a job may set in its `options`."""
+
+    name: str
+    """Its name in `options`."""
+    description: str
+    """What it means."""
+    stage: StageGroup
+    """The part of the way that it is for."""
+    type: str
+    """Always `integer`."""
+    unit: str
+    """What it counts."""
+    minimum: int
+    """Least value."""
+    maximum: int
+    """Greatest value."""
+    defaults: PresetDefaults
+    """Its value when the job does not set it."""
+
+
+@dataclass(frozen=True)
+class JobOptions(Wire):
+    """Numbers that a job sets otherwise than its preset; `GET /v1/options` lists their ranges.
+    """
+
+    max_image_size: Optional[int] = None
+    """Photos are made smaller until no side is longer."""
+    max_features: Optional[int] = None
+    """Features of a photo at most."""
+    similar_images: Optional[int] = None
+    """Photos that look alike, to each of which a photo is matched."""
+    depth_map_pixels: Optional[int] = None
+    """Pixels of a depth map at most."""
+    depth_map_sources: Optional[int] = None
+    """Other photos that a depth map is computed from at most."""
+    octree_depth: Optional[int] = None
+    """Greatest depth of the octree that the surface is found in."""
+    max_triangles: Optional[int] = None
+    """Triangles of the mesh at most."""
+    texture_size: Optional[int] = None
+    """Longest side of the picture on the mesh."""
+
+
+@dataclass(frozen=True)
 class JobOutputs(Wire):
     """What a job made."""
 
@@ -1114,6 +1183,8 @@ class JobStage(Wire):
     """Units."""
     unit: str
     """What is counted."""
+    cached: int
+    """Units that were found finished, from a run before."""
     ended: Optional[str] = None
     """RFC 3339."""
 
@@ -1435,6 +1506,20 @@ OriginRule = Literal["last_camera", "mean_cameras", "given"]
 
 
 @dataclass(frozen=True)
+class PatchDrone(Wire):
+    """Settings of a registered drone to be changed; what is absent stays, also its key."""
+
+    name: Optional[str] = None
+    """For people."""
+    signing_key: Optional[str] = None
+    """Its own signing key, 64 hex digits; never shown again."""
+    vision: Optional[VisionMessage] = None
+    """How it takes poses."""
+    body_from_camera: Optional[CameraMount] = None
+    """Its camera."""
+
+
+@dataclass(frozen=True)
 class PatchImageSet(Wire):
     """What to change of an image set."""
 
@@ -1498,6 +1583,34 @@ class PositionPrior(Wire):
 
 Preset = Literal["fast", "balanced", "best"]
 """How much work a reconstruction may spend."""
+
+
+@dataclass(frozen=True)
+class PresetDefaults(Wire):
+    """A value for each preset."""
+
+    fast: int
+    """With `fast`."""
+    balanced: int
+    """With `balanced`."""
+    best: int
+    """With `best`."""
+
+
+@dataclass(frozen=True)
+class PresetInfo(Wire):
+    """What a preset means."""
+
+    name: Preset
+    """Its name in a job."""
+    description: str
+    """What it is for."""
+    is_default: bool
+    """Whether a job that names none has it."""
+    last_stage: StageGroup
+    """Where a job ends that names no stages."""
+    values: Effort
+    """The numbers that it sets."""
 
 
 @dataclass(frozen=True)
@@ -1586,6 +1699,8 @@ class RegisterMaps(Wire):
     """Whether a map may be grown or shrunk; without, all maps must have one unit."""
     preset: Optional[Preset] = None
     """How much work is spent on the surface of the joined map."""
+    options: Optional[JobOptions] = None
+    """Numbers that differ from those of the preset."""
     stages: Sequence[StageGroup] = ()
     """How far to go: `sfm` joins the maps without their surfaces; where the preset ends when
     empty.
@@ -2178,6 +2293,18 @@ UploadStatus = Literal["stored", "duplicate", "rejected"]
 
 VisionMessage = Literal["position_estimate", "odometry"]
 """Which MAVLink message carries poses to a drone's estimator."""
+
+
+@dataclass(frozen=True)
+class Warning(Wire):
+    """Something that the user of a map should know."""
+
+    code: str
+    """Stable."""
+    detail: str
+    """For people, with the figures."""
+    hint: Optional[str] = None
+    """What to do about it."""
 
 
 @dataclass(frozen=True)

@@ -251,12 +251,18 @@ class Api:
         """
         return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/cancel", json_of(Job))
 
-    def retry_job(self, job_id: str) -> Job:
-        """Runs a failed, cancelled or partial job again. What it has finished is not done again.
+    def retry_job(self, job_id: str, *, from_stage: Optional[str] = None) -> Job:
+        """Runs a failed, cancelled or partial job again. What it has finished is not done again,
+        but for `from_stage` and what comes after it.
+
+        * `from_stage`: Does this stage and all after it anew, whatever is finished of them:
+          `features`, `pairs`,
+        `matching`, `mapping`, `align`, `export`, `depth_maps`, `fusion`, `meshing`,
+          `texturing`.
 
         `POST /v1/jobs/{id}/retry`
         """
-        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/retry", json_of(Job))
+        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/retry", json_of(Job), query={"from_stage": from_stage})
 
     def job_events(self, job_id: str, *, after: Optional[int] = None, limit: Optional[int] = None) -> JobEvents:
         """What happened to a job, in order.
@@ -287,6 +293,20 @@ class Api:
         `GET /v1/jobs/{id}/report`
         """
         return self._http.call("GET", f"/v1/jobs/{quoted(job_id)}/report", json_or_text, headers={"Accept": "text/html" if html else "application/json"})
+
+    def presets(self) -> List[PresetInfo]:
+        """What each preset means.
+
+        `GET /v1/presets`
+        """
+        return self._http.call("GET", "/v1/presets", json_of(List[PresetInfo]))
+
+    def options(self) -> List[JobOption]:
+        """The numbers that a job may set in its `options`, with their ranges and defaults.
+
+        `GET /v1/options`
+        """
+        return self._http.call("GET", "/v1/options", json_of(List[JobOption]))
 
     def list_maps(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Map]:
         """Lists maps.
@@ -421,6 +441,14 @@ class Api:
         """
         return self._http.call("PUT", "/v1/geofences", json_of(Geofence), body=body)
 
+    def delete_geofence(self, geofence_id: str) -> None:
+        """Takes the fence of a map away: flights planned from now on keep inside the bounds of the
+        map.
+
+        `DELETE /v1/geofences/{id}`
+        """
+        return self._http.call("DELETE", f"/v1/geofences/{quoted(geofence_id)}", none)
+
     def list_drones(self) -> Page[Drone]:
         """Lists drones that are registered or were heard.
 
@@ -448,6 +476,13 @@ class Api:
         `DELETE /v1/drones/{id}`
         """
         return self._http.call("DELETE", f"/v1/drones/{quoted(drone_id)}", none)
+
+    def patch_drone(self, drone_id: int, body: PatchDrone) -> Drone:
+        """Changes settings of a registered drone; what is not named stays, also its key.
+
+        `PATCH /v1/drones/{id}`
+        """
+        return self._http.call("PATCH", f"/v1/drones/{quoted(drone_id)}", json_of(Drone), body=body)
 
     def drone_state(self, drone_id: int) -> DroneState:
         """What a drone says of itself, and what it is told.

@@ -125,9 +125,10 @@ class Job:
         self.info = self._api.cancel_job(self.id)
         return self
 
-    def retry(self) -> Job:
-        """Runs it again; what it has finished is not done again."""
-        self.info = self._api.retry_job(self.id)
+    def retry(self, *, from_stage: Optional[str] = None) -> Job:
+        """Runs it again; what it has finished is not done again, but for `from_stage` and what
+        comes after it."""
+        self.info = self._api.retry_job(self.id, from_stage=from_stage)
         return self
 
     def log(self) -> str:
