@@ -73,4 +73,6 @@ def field(client: Client, all_drones: Field) -> Iterator[Field]:
 
 def _is_ready(client: Client, drone: int) -> bool:
     known = [known for known in client.api.list_drones().items if known.id == drone]
-    return bool(known and known[0].state and known[0].state.feed == "ready")
+    state = known[0].state if known else None
+    # A drone that just landed is told to land until the server hears that it has.
+    return state is not None and state.feed == "ready" and not state.armed
