@@ -1,6 +1,6 @@
 import { useState } from 'preact/hooks';
 import { Quaternion, Vector3 } from 'three';
-import { put, remove } from '../../api/client';
+import { patch, put, remove } from '../../api/client';
 import type { Schema } from '../../api/types';
 import { quaternion, wxyz } from '../../map3d/frames';
 import { reloadFleet, type LiveDrone } from '../../state/fleet';
@@ -44,9 +44,20 @@ export function RegisterDrone({ live: { drone }, onClose }: { live: LiveDrone; o
   const save = async () => {
     try {
       // Untouched, it stays to the last digit.
-      const same = left === looks.left && down === looks.down;
-      const body_from_camera = { position: at, orientation: same ? mount.orientation : orientation(left, down) };
-      await put('/v1/drones/{id}', { name: name.trim(), vision, body_from_camera }, { at: { id: drone.id } });
+      const looksSame = left === looks.left && down === looks.down;
+      const body_from_camera = { position: at, orientation: looksSame ? mount.orientation : orientation(left, down) };
+      const mountSame = looksSame && at.every((value, k) => value === mount.position[k]);
+      const options = { at: { id: drone.id } };
+      if (drone.name) {
+        // What is not named stays, also its key.
+        await patch('/v1/drones/{id}', {
+          ...(name.trim() !== drone.name && { name: name.trim() }),
+          ...(vision !== drone.vision && { vision }),
+          ...(!mountSame && { body_from_camera }),
+        }, options);
+      } else {
+        await put('/v1/drones/{id}', { name: name.trim(), vision, body_from_camera }, options);
+      }
       await reloadFleet();
       toast('good', `${name.trim()} is registered`);
       onClose();
@@ -93,7 +104,7 @@ export function RegisterDrone({ live: { drone }, onClose }: { live: LiveDrone; o
           {number('to the left', left, setLeft, 1)}
           {number('down', down, setDown, 1)}
         </fieldset>
-        {drone.has_own_key && <p class="note warn">It has a signing key of its own, which saving here takes away: register it over the API to keep one.</p>}
+        {drone.has_own_key && <p class="muted">It has a signing key of its own, which stays.</p>}
         <footer class="row end">
           {drone.name && <button type="button" onClick={() => void forget()}>Forget</button>}
           <button class="primary" disabled={name.trim() === ''}>Save</button>
