@@ -79,6 +79,27 @@ pub struct CreatedToken {
     pub secret: String,
 }
 
+/// A request that changed something, or would have.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct AuditEntry {
+    /// When it was answered, RFC 3339.
+    pub time: String,
+    /// Whose; absent for a caller from this machine without one.
+    pub token_id: Option<Uuid>,
+    /// Of the token.
+    pub name: String,
+    /// Of the token.
+    pub role: Role,
+    /// Of HTTP.
+    pub method: String,
+    /// What was asked for.
+    pub path: String,
+    /// How it was answered; 400 and more was not done.
+    pub status: u16,
+    /// What a drone was commanded to do, JSON.
+    pub detail: Option<String>,
+}
+
 /// Where a list goes on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

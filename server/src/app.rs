@@ -15,12 +15,13 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use volery_api::{PROBLEM_JSON, Problem, ws};
 
 use crate::{
+    audit::note,
     description::complete,
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
         beacons, cameras, drones, exports, flights, frames, images, imagesets, jobs, leases,
-        localize, maps, model, page, priors, render, service, tokens, uploads,
+        localize, maps, model, page, parts, priors, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -49,6 +50,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(service::info))
         .routes(routes!(tokens::create_token, tokens::list_tokens))
         .routes(routes!(tokens::delete_token))
+        .routes(routes!(service::audit))
         .routes(routes!(cameras::create_camera, cameras::list_cameras))
         .routes(routes!(cameras::camera_models))
         .routes(routes!(cameras::get_camera, cameras::put_camera))
@@ -110,6 +112,9 @@ fn upload_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::new()
         .routes(routes!(uploads::upload_images, images::list_images))
         .routes(routes!(uploads::upload_archive))
+        .routes(routes!(parts::create_upload))
+        .routes(routes!(parts::get_upload, parts::append_part, parts::delete_upload))
+        .routes(routes!(parts::complete_upload))
 }
 
 /// Routes that wait for workers or stay open.
@@ -158,6 +163,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         })
         .layer(from_fn_with_state(Arc::clone(&app), keep_pace))
         .layer(CatchPanicLayer::custom(answer_panic))
+        .layer(from_fn_with_state(Arc::clone(&app), note))
         .layer(from_fn_with_state(Arc::clone(&app), finish))
         .with_state(app)
 }

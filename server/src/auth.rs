@@ -18,6 +18,7 @@ use volery_api::{Role, ws::BEARER_PROTOCOL};
 
 use crate::{
     accept::Peer,
+    audit::identified,
     clock,
     error::{ApiError, ApiResult, Code},
     state::App,
@@ -177,6 +178,7 @@ macro_rules! callers {
 
             async fn from_request_parts(parts: &mut Parts, app: &Arc<App>) -> ApiResult<Self> {
                 let caller = authenticate(parts, app).await?;
+                identified(&parts.extensions, &caller);
                 if caller.role < Role::$name {
                     return Err(ApiError::new(
                         Code::Forbidden,
@@ -214,7 +216,10 @@ impl FromRequestParts<Arc<App>> for Stopper {
             .and_then(|secret| app.guard.known(&hash_secret(secret)))
             .filter(|caller| caller.role >= Role::Pilot);
         match known {
-            Some(caller) => Ok(Self(caller)),
+            Some(caller) => {
+                identified(&parts.extensions, &caller);
+                Ok(Self(caller))
+            }
             None => Pilot::from_request_parts(parts, app).await.map(|Pilot(caller)| Self(caller)),
         }
     }

@@ -7,6 +7,7 @@
 mod accept;
 mod answer;
 mod app;
+mod audit;
 mod auth;
 mod clock;
 mod config;

@@ -21,6 +21,7 @@ pub(crate) struct Metrics {
     pub(crate) localized_not_found: AtomicU64,
     pub(crate) frames_dropped: AtomicU64,
     pub(crate) worker_deaths: AtomicU64,
+    pub(crate) audit_lost: AtomicU64,
     localize_us: AtomicU64,
 }
 
@@ -70,6 +71,7 @@ impl Metrics {
             ("volery_images_rejected_total", &self.images_rejected),
             ("volery_frames_dropped_total", &self.frames_dropped),
             ("volery_worker_deaths_total", &self.worker_deaths),
+            ("volery_audit_lost_total", &self.audit_lost),
         ] {
             let _ = writeln!(text, "{name} {}", get(counter));
         }

@@ -8,6 +8,7 @@ use volery_api::Role;
 
 use crate::{
     accept, app,
+    audit::{Audit, write_down},
     auth::{hash_secret, new_secret},
     config::Config,
     error::{ApiError, ApiResult},
@@ -17,6 +18,10 @@ use crate::{
 
 /// Age at which a file that nothing refers to is deleted: no upload takes as long.
 const BLOB_AGE: Duration = Duration::from_secs(24 * 3600);
+/// So long it is known who did what.
+const AUDIT_AGE: Duration = Duration::from_secs(90 * 24 * 3600);
+/// Uploads in parts that are older are given up.
+const UPLOAD_AGE: Duration = Duration::from_secs(3 * 24 * 3600);
 
 /// Why the service does not run.
 #[derive(Debug, thiserror::Error)]
@@ -100,7 +105,8 @@ pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
     let listener =
         TcpListener::bind(listen).await.map_err(|error| ServeError::Listen(listen, error))?;
     let addr = listener.local_addr()?;
-    let app = App::open(config).await?;
+    let (audit, audited) = Audit::new();
+    let app = App::open(config, audit).await?;
     let recovered = app.store.recover_jobs().await?;
     if recovered > 0 {
         tracing::info!("{recovered} jobs go on where the last service left them");
@@ -111,6 +117,7 @@ pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
         tokio::spawn(accept::accept(listener, router, Arc::clone(&app))),
         tokio::spawn(jobs::run_jobs(Arc::clone(&app))),
         tokio::spawn(clean_up(Arc::clone(&app))),
+        tokio::spawn(write_down(Arc::clone(&app), audited)),
     ];
     tracing::info!(%addr, "listening on {addr}");
     Ok(RunningServer { addr, admin_token, app, tasks, _lock: lock })
@@ -149,6 +156,12 @@ async fn clean_up(app: Arc<App>) {
         tokio::select! {
             _ = hour.tick() => {}
             () = app.closing.cancelled() => return,
+        }
+        if let Err(error) = app.store.forget_old_audit(AUDIT_AGE).await {
+            tracing::warn!(error = %error.detail, "cannot delete old entries of the audit");
+        }
+        if let Err(error) = app.store.forget_old_uploads(&app.upload_files, UPLOAD_AGE).await {
+            tracing::warn!(error = %error.detail, "cannot delete old uploads");
         }
         if let Err(error) = app.drop_stale_map_folders().await {
             tracing::warn!(error = %error.detail, "cannot delete old map folders");

@@ -8,13 +8,14 @@ use uuid::Uuid;
 use volery_api::MapVersion;
 
 use crate::{
+    audit::Audit,
     auth::Guard,
     config::Config,
     error::{ApiError, ApiResult},
     fleet::Drones,
     metrics::Metrics,
     poses::Poses,
-    store::{Store, blobs::Blobs},
+    store::{Store, UploadFiles, blobs::Blobs},
     workers::{Pool, Seats},
 };
 
@@ -27,8 +28,10 @@ pub(crate) struct App {
     pub(crate) config: Config,
     pub(crate) store: Store,
     pub(crate) blobs: Blobs,
+    pub(crate) upload_files: UploadFiles,
     pub(crate) guard: Guard,
     pub(crate) metrics: Metrics,
+    pub(crate) audit: Audit,
     pub(crate) decoders: Pool,
     pub(crate) localizers: Pool,
     /// Localizers that follow streams.
@@ -49,7 +52,7 @@ pub(crate) struct App {
 
 impl App {
     /// Opens the data folder.
-    pub(crate) async fn open(config: Config) -> ApiResult<Arc<Self>> {
+    pub(crate) async fn open(config: Config, audit: Audit) -> ApiResult<Arc<Self>> {
         std::fs::create_dir_all(config.data.join("jobs"))?;
         let blobs = Blobs::open(&config.data, config.limits.disk_reserve_bytes)?;
         let store = Store::open(&config.data.join("volery.db")).await?;
@@ -82,6 +85,8 @@ impl App {
             instance: Uuid::now_v7(),
             guard: Guard::default(),
             metrics: Metrics::default(),
+            audit,
+            upload_files: UploadFiles::open(&config.data)?,
             config,
             store,
             blobs,

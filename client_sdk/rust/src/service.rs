@@ -3,7 +3,8 @@
 use reqwest::Method;
 use uuid::Uuid;
 use volery_api::{
-    Camera, CreateCamera, CreateToken, CreatedToken, Health, Info, Role, StoredCamera, Token,
+    AuditEntry, Camera, CreateCamera, CreateToken, CreatedToken, Health, Info, Role, StoredCamera,
+    Token,
 };
 
 use crate::{Client, ClientError};
@@ -39,6 +40,11 @@ impl Client {
     /// Ends a token.
     pub async fn delete_token(&self, id: Uuid) -> Result<(), ClientError> {
         self.delete(&format!("/v1/tokens/{id}")).await
+    }
+
+    /// Who did what when, newest first.
+    pub async fn audit(&self) -> Result<Vec<AuditEntry>, ClientError> {
+        self.list("/v1/audit").await
     }
 
     /// Keeps a camera.

@@ -2,7 +2,11 @@
 
 use std::sync::Arc;
 
-use axum::{Json, extract::State};
+use axum::{
+    Extension, Json,
+    extract::State,
+    response::{IntoResponse, Response},
+};
 use volery_api::{
     AllStopped, Drone, DroneCommand, DroneCommandStatus, DroneEvent, DronePose, DronePoseAnswer,
     DroneState, EventsQuery, Page, PatchDrone, PutDrone,
@@ -12,6 +16,7 @@ use volery_flight::CommandRefusal;
 use super::{flights, jobs::at_most, leases, tokens::check_name};
 use crate::{
     answer::{Accepted, Deleted},
+    audit::Detail,
     auth::{Admin, Pilot, Stopper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
@@ -152,11 +157,17 @@ pub(crate) async fn command_drone(
     Pilot(caller): Pilot,
     At(id): At<u8>,
     Body(command): Body<DroneCommand>,
-) -> ApiResult<Accepted<DroneCommandStatus>> {
-    let status =
-        drones(&app)?.command(&caller, id, &command).map_err(|refusal| refused(id, refusal))?;
-    tracing::info!(token = %caller.id, drone = id, ?command, "drone {id} is commanded");
-    Ok(Accepted(format!("/v1/drones/{id}/commands/{}", status.id), status))
+) -> ApiResult<Response> {
+    let detail = Detail(serde_json::to_string(&command)?);
+    let answer = match drones(&app)?.command(&caller, id, &command) {
+        Ok(status) => {
+            tracing::info!(token = %caller.id, drone = id, ?command, "drone {id} is commanded");
+            let location = format!("/v1/drones/{id}/commands/{}", status.id);
+            Accepted(location, status).into_response()
+        }
+        Err(refusal) => refused(id, refusal).into_response(),
+    };
+    Ok((Extension(detail), answer).into_response())
 }
 
 /// How far a command is.

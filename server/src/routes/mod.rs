@@ -16,6 +16,7 @@ pub(crate) mod localize;
 pub(crate) mod maps;
 pub(crate) mod model;
 pub(crate) mod page;
+pub(crate) mod parts;
 pub(crate) mod priors;
 pub(crate) mod render;
 pub(crate) mod service;

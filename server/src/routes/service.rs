@@ -8,10 +8,19 @@ use axum::{
     http::header,
     response::{IntoResponse, Response},
 };
-use volery_api::{Capabilities, Health, HealthCheck, Info, JobKind};
+use volery_api::{AuditEntry, Capabilities, Health, HealthCheck, Info, JobKind, Page, PageQuery};
 
 use super::exports::EXPORTS;
-use crate::{answer::Unready, app, auth::Viewer, clock, error::ApiResult, state::App};
+use crate::{
+    answer::Unready,
+    app,
+    auth::{Admin, Viewer},
+    clock,
+    error::ApiResult,
+    extract::Asked,
+    state::App,
+    store::PageAt,
+};
 
 /// Whether the process lives.
 #[utoipa::path(get, path = "/healthz", tag = "service", security(()),
@@ -76,4 +85,17 @@ pub(crate) async fn metrics(State(app): State<Arc<App>>, _caller: Viewer) -> Api
     responses((status = 200, description = "OpenAPI", content_type = "application/yaml", body = serde_json::Value)))]
 pub(crate) async fn openapi_yaml() -> Response {
     ([(header::CONTENT_TYPE, "application/yaml")], app::openapi_yaml()).into_response()
+}
+
+/// Who did what when, newest first: every request that changed something or would have, but for
+/// what comes many times a second (poses, frames, renewals of leases). Kept for 90 days.
+#[utoipa::path(get, path = "/v1/audit", tag = "service", params(PageQuery),
+    responses((status = 200, description = "Requests", body = Page<AuditEntry>)))]
+pub(crate) async fn audit(
+    State(app): State<Arc<App>>,
+    _caller: Admin,
+    Asked(query): Asked<PageQuery>,
+) -> ApiResult<Json<Page<AuditEntry>>> {
+    let at = PageAt::parse(query.limit, query.cursor.as_deref())?;
+    Ok(Json(app.store.audit(at).await?))
 }

@@ -152,11 +152,14 @@ fn answer(results: Vec<UploadResult>) -> ApiResult<Response> {
     if results.is_empty() {
         return Err(ApiError::new(Code::Unprocessable("no_files"), "the body holds no file"));
     }
-    let report = report(results);
-    Ok(match report.rejected {
+    Ok(answer_report(report(results)))
+}
+
+pub(super) fn answer_report(report: UploadReport) -> Response {
+    match report.rejected {
         0 => Json(report).into_response(),
         _ => PartlyDone(report).into_response(),
-    })
+    }
 }
 
 /// Refuses a body that says that it is too long before a byte of it is read.

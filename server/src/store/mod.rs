@@ -1,5 +1,6 @@
 //! What lasts: rows in SQLite, bytes in content-addressed files. SQL and paths live here only.
 
+mod audit;
 pub(crate) mod blobs;
 mod cameras;
 mod collect;
@@ -12,6 +13,7 @@ mod leases;
 mod maps;
 pub(crate) mod thumbnails;
 mod tokens;
+mod uploads;
 
 use std::{path::Path, time::Duration};
 
@@ -26,16 +28,20 @@ use volery_api::JobEvent;
 
 use crate::error::{ApiError, ApiResult, Code};
 
+pub(crate) use audit::NewAuditEntry;
 pub(crate) use imagesets::{NewImage, StoredImage};
 pub(crate) use jobs::JobRow;
 pub(crate) use leases::{Finish, Lease, LeaseLost};
 pub(crate) use maps::NewVersion;
+pub(crate) use uploads::{UploadFiles, UploadRow};
 
-const MIGRATIONS: [(i64, &str, &str); 4] = [
+const MIGRATIONS: [(i64, &str, &str); 6] = [
     (1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql")),
     (2, "drones", include_str!("../../../migrations/sqlite/0002_drones.sql")),
     (3, "geofences", include_str!("../../../migrations/sqlite/0003_geofences.sql")),
     (4, "job details", include_str!("../../../migrations/sqlite/0004_job_details.sql")),
+    (5, "uploads", include_str!("../../../migrations/sqlite/0005_uploads.sql")),
+    (6, "audit", include_str!("../../../migrations/sqlite/0006_audit.sql")),
 ];
 
 /// The rows. Writes go through one connection, so a transaction never waits for another.

@@ -88,6 +88,28 @@ class AttitudePrior(Wire):
 
 
 @dataclass(frozen=True)
+class AuditEntry(Wire):
+    """A request that changed something, or would have."""
+
+    time: str
+    """When it was answered, RFC 3339."""
+    name: str
+    """Of the token."""
+    role: Role
+    """Of the token."""
+    method: str
+    """Of HTTP."""
+    path: str
+    """What was asked for."""
+    status: int
+    """How it was answered; 400 and more was not done."""
+    token_id: Optional[str] = None
+    """Whose; absent for a caller from this machine without one."""
+    detail: Optional[str] = None
+    """What a drone was commanded to do, JSON."""
+
+
+@dataclass(frozen=True)
 class BeaconEstimate(Wire):
     """A position by beacons."""
 
@@ -427,6 +449,18 @@ class CreateToken(Wire):
     """What it may do."""
     expires_in_s: Optional[int] = None
     """Seconds until it ends; never, when absent."""
+
+
+@dataclass(frozen=True)
+class CreateUpload(Wire):
+    """An archive to be uploaded in parts."""
+
+    imageset_id: str
+    """The image set that its photos go into."""
+    size: int
+    """Bytes of the whole file."""
+    sha256: str
+    """SHA-256 of the whole file, 64 lower-case hex digits."""
 
 
 @dataclass(frozen=True)
@@ -2249,6 +2283,24 @@ class TrackedFrame(Wire):
     """Over those that were looked for."""
     reprojection_px: Optional[float] = None
     """Root mean square reprojection error, pixels."""
+
+
+@dataclass(frozen=True)
+class Upload(Wire):
+    """An archive on its way."""
+
+    id: str
+    """Its id."""
+    imageset_id: str
+    """The image set that its photos go into."""
+    size: int
+    """Bytes of the whole file."""
+    sha256: str
+    """SHA-256 of the whole file."""
+    offset: int
+    """Bytes that are safe on the disk: the next part begins there."""
+    created: str
+    """RFC 3339."""
 
 
 @dataclass(frozen=True)

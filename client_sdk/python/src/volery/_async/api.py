@@ -82,6 +82,18 @@ class AsyncApi:
         """
         return await self._http.call("DELETE", f"/v1/tokens/{quoted(token_id)}", none)
 
+    async def audit(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[AuditEntry]:
+        """Who did what when, newest first: every request that changed something or would have, but
+        for what comes many times a second (poses, frames, renewals of leases). Kept for 90
+        days.
+
+        * `limit`: Most items to answer, 1 to 1000; 100 when absent.
+        * `cursor`: `next_cursor` of the page before.
+
+        `GET /v1/audit`
+        """
+        return await self._http.call("GET", "/v1/audit", json_of(Page[AuditEntry]), query={"limit": limit, "cursor": cursor})
+
     async def list_cameras(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[StoredCamera]:
         """Lists cameras.
 
@@ -608,6 +620,51 @@ class AsyncApi:
         `POST /v1/imagesets/{id}/archive`
         """
         return await self._http.call("POST", f"/v1/imagesets/{quoted(imageset_id)}/archive", json_of(UploadReport), body=data, headers={"Content-Type": "application/zip"})
+
+    async def create_upload(self, body: CreateUpload, *, idempotency_key: Optional[str] = None) -> Upload:
+        """Begins the upload of a zip archive in parts.
+
+        `PATCH` adds parts, one after another; what is answered of a part survives any crash.
+        After a broken connection `GET` (or `HEAD`, by the header `Upload-Offset`) tells where
+        to go on. `complete` takes the photos into the set. An upload that is three days old is
+        forgotten.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/uploads`
+        """
+        return await self._http.call("POST", "/v1/uploads", json_of(Upload), key=idempotency_key or new_key(), body=body)
+
+    async def get_upload(self, upload_id: str) -> Upload:
+        """How far an upload is.
+
+        `GET /v1/uploads/{id}`
+        """
+        return await self._http.call("GET", f"/v1/uploads/{quoted(upload_id)}", json_of(Upload))
+
+    async def delete_upload(self, upload_id: str) -> None:
+        """Forgets an upload. Photos that are in their set stay.
+
+        `DELETE /v1/uploads/{id}`
+        """
+        return await self._http.call("DELETE", f"/v1/uploads/{quoted(upload_id)}", none)
+
+    async def append_part(self, upload_id: str, data: bytes, *, upload_offset: Optional[int] = None) -> Upload:
+        """Adds a part to an upload, at the byte that `Upload-Offset` names: the one after the last
+        that is there. Also of a part that breaks off, what came is kept.
+
+        * `upload_offset`: Where in the file the part begins
+
+        `PATCH /v1/uploads/{id}`
+        """
+        return await self._http.call("PATCH", f"/v1/uploads/{quoted(upload_id)}", json_of(Upload), body=data, headers={"Content-Type": "application/octet-stream", "Upload-Offset": upload_offset})
+
+    async def complete_upload(self, upload_id: str) -> UploadReport:
+        """Takes the photos of an uploaded archive into its set. Asked again, it answers the same.
+
+        `POST /v1/uploads/{id}/complete`
+        """
+        return await self._http.call("POST", f"/v1/uploads/{quoted(upload_id)}/complete", json_of(UploadReport))
 
     async def image_thumbnail(self, image_id: str, *, size: Optional[int] = None) -> bytes:
         """A small PNG of an image, upright, never enlarged.
