@@ -35,8 +35,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "volery-registration",
         &["volery-geometry", "volery-scene", "volery-estimation", "nalgebra", "rayon", "thiserror"],
     ),
-    ("volery-meshing", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     ("volery-rendering", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
+    (
+        "volery-meshing",
+        &["volery-geometry", "volery-scene", "volery-rendering", "nalgebra", "rayon", "thiserror"],
+    ),
     (
         "volery-localization",
         &[

@@ -62,6 +62,9 @@ pub enum MeshingError {
         /// Which triangle.
         triangle: usize,
     },
+    /// Colors that are not as many as the vertices.
+    #[error("the colors are not as many as the vertices")]
+    WrongColors,
     /// No image shows a triangle of the mesh.
     #[error("no image sees the mesh")]
     NothingSeen,

@@ -4,6 +4,7 @@
 //! where they can. The parts that hang together are cut out of the photos, made alike in color where
 //! they meet, and laid side by side into one texture.
 
+use volery_rendering::{DrawableMesh, MeshError};
 use volery_scene::{Photos, Progress, SparseModel, TexturedMesh, TriangleMesh};
 
 use crate::MeshingError;
@@ -59,14 +60,14 @@ pub fn texture_mesh(
     options: &TextureOptions,
     progress: &dyn Progress,
 ) -> Result<TexturedMesh, MeshingError> {
-    check(mesh, options)?;
+    let drawable = check(mesh, options)?;
     let views: Vec<View> = model
         .images
         .iter()
         .filter_map(|(&id, image)| Some(View::new(id, image, model.cameras.get(&image.camera)?)))
         .collect();
     let fans = Fans::new(mesh.vertices.len(), &mesh.triangles);
-    let labels = choose_views(mesh, &fans, candidates(mesh, &views, progress)?);
+    let labels = choose_views(mesh, &fans, candidates(mesh, &drawable, &views, progress)?);
     progress.check()?;
     let (charts, chart_of) = charts(mesh, &fans, &views, &labels);
     if charts.is_empty() {
@@ -82,7 +83,7 @@ pub fn texture_mesh(
     Ok(textured)
 }
 
-fn check(mesh: &TriangleMesh, options: &TextureOptions) -> Result<(), MeshingError> {
+fn check(mesh: &TriangleMesh, options: &TextureOptions) -> Result<DrawableMesh, MeshingError> {
     let side = options.max_side;
     if !side.is_power_of_two() || side > MAX_SIDE {
         return Err(MeshingError::Option { name: "max_side", got: f64::from(side) });
@@ -90,15 +91,11 @@ fn check(mesh: &TriangleMesh, options: &TextureOptions) -> Result<(), MeshingErr
     if mesh.triangles.is_empty() {
         return Err(MeshingError::NoTriangles);
     }
-    let num_vertices = mesh.vertices.len();
-    let is_broken = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= num_vertices);
-    if let Some(index) = mesh.triangles.iter().position(is_broken) {
-        return Err(MeshingError::NoSuchVertex { triangle: index });
-    }
-    if let Some(index) = mesh.vertices.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
-        return Err(MeshingError::NotFinite { index });
-    }
-    Ok(())
+    DrawableMesh::new(mesh).map_err(|error| match error {
+        MeshError::MissingVertex { triangle } => MeshingError::NoSuchVertex { triangle },
+        MeshError::NotFinite { vertex } => MeshingError::NotFinite { index: vertex },
+        MeshError::WrongColors { .. } | MeshError::WrongTexture => MeshingError::WrongColors,
+    })
 }
 
 /// The mesh with its vertices in the texture: chart after chart, then what is not seen.

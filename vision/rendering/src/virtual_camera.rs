@@ -85,12 +85,30 @@ impl VirtualCamera {
         mesh: &DrawableMesh,
         cam_from_world: &Isometry3<f64>,
     ) -> Rendering {
-        let view = crate::raster::View::new(mesh, cam_from_world);
         let focal = self.camera.mean_focal() as f32;
+        let view = crate::raster::View::new(mesh, cam_from_world);
+        self.draw_triangles(level, mesh, &view, |band| {
+            crate::shade::shade(mesh, &view, &self.rays, focal, band);
+        })
+    }
+
+    /// [`Rendering::depth`] of [`Self::draw_mesh`], without the colors.
+    pub fn draw_depth(&self, mesh: &DrawableMesh, cam_from_world: &Isometry3<f64>) -> Vec<f32> {
+        let view = crate::raster::View::new(mesh, cam_from_world);
+        self.draw_triangles(SimdLevel::detect(), mesh, &view, |_| {}).depth
+    }
+
+    fn draw_triangles(
+        &self,
+        level: SimdLevel,
+        mesh: &DrawableMesh,
+        view: &crate::raster::View,
+        shade: impl Fn(&mut Band) + Sync,
+    ) -> Rendering {
         let shown = view.clusters_in(mesh, &self.rays.bounds, self.near);
         self.draw(|band| {
-            crate::simd::raster(level, mesh, &view, &shown, self, band);
-            crate::shade::shade(mesh, &view, &self.rays, focal, band);
+            crate::simd::raster(level, mesh, view, &shown, self, band);
+            shade(band);
         })
     }
 

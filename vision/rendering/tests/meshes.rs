@@ -130,6 +130,7 @@ fn depth_of_a_hall_is_true() {
         let (eye, exact) = (VirtualCamera::new(&camera), Renderer::new(&camera));
         for pose in random_walk(&hall.room, 0.8, 4, 5) {
             let (drawn, truth) = (eye.draw_mesh(&mesh, &pose), exact.render(&hall, &pose));
+            assert_eq!(eye.draw_depth(&mesh, &pose), drawn.depth);
             let seen: Vec<(f32, f32)> = drawn.depth.iter().copied().zip(truth.depth).collect();
             let near = seen.iter().filter(|(a, b)| (a - b).abs() < 0.01).count();
             let part = near as f64 / seen.len() as f64;

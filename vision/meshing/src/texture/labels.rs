@@ -1,6 +1,7 @@
 //! Which view each triangle is painted from.
 
 use rayon::prelude::*;
+use volery_rendering::DrawableMesh;
 use volery_scene::{Cancelled, Progress, Stage, TriangleMesh};
 
 use super::view::View;
@@ -27,13 +28,15 @@ pub(super) struct Candidate {
 /// The best views of every triangle, sorted by view.
 pub(super) fn candidates(
     mesh: &TriangleMesh,
+    drawable: &DrawableMesh,
     views: &[View],
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Candidate>>, Cancelled> {
     let mut all: Vec<Vec<Candidate>> = vec![Vec::new(); mesh.triangles.len()];
     for (chunk, some) in views.chunks(CHUNK).enumerate() {
         progress.check()?;
-        let seen: Vec<_> = some.par_iter().map(|view| view.seen_triangles(mesh)).collect();
+        let seen: Vec<_> =
+            some.par_iter().map(|view| view.seen_triangles(mesh, drawable)).collect();
         for (i, of_view) in seen.into_iter().enumerate() {
             let view = (chunk * CHUNK + i) as u32;
             for (triangle, quality) in of_view {

@@ -2,15 +2,11 @@
 
 use nalgebra::{Isometry3, Point2, Point3};
 use volery_geometry::Camera;
+use volery_rendering::{DrawableMesh, VirtualCamera};
 use volery_scene::{ImageId, RegisteredImage, TriangleMesh};
 
 /// Pixels of the depth buffer; larger images are judged at this size.
 const MAX_BUFFER_PIXELS: f64 = 400_000.0;
-/// A triangle that is longer in the image is drawn in parts, pixels of the buffer.
-const MAX_DRAWN_SIDE: f64 = 24.0;
-/// A triangle across the border of the cone of rays is not drawn if it is shorter, pixels of the
-/// buffer: the cone is wider than the image.
-const MAX_LOST_SIDE: f64 = 8.0;
 /// Surfaces nearer than this are not seen.
 const NEAR: f64 = 1e-3;
 /// A point is hidden by what is nearer by more than this part of its depth.
@@ -65,9 +61,13 @@ impl View {
 
     /// The triangles that are seen whole, with the number of pixels that they fill, less where they
     /// are seen from the side.
-    pub(super) fn seen_triangles(&self, mesh: &TriangleMesh) -> Vec<(u32, f32)> {
+    pub(super) fn seen_triangles(
+        &self,
+        mesh: &TriangleMesh,
+        drawable: &DrawableMesh,
+    ) -> Vec<(u32, f32)> {
         let corners: Vec<Corner> = mesh.vertices.iter().map(|v| self.corner(v)).collect();
-        let depths = DepthBuffer::draw(self, mesh, &corners);
+        let depths = DepthBuffer::draw(self, drawable);
         let seen = |(index, triangle): (usize, &[u32; 3])| {
             let corners = triangle.map(|v| corners[v as usize]);
             Some((index as u32, self.quality(&depths, &corners)?))
@@ -76,10 +76,7 @@ impl View {
     }
 
     fn corner(&self, point: &Point3<f64>) -> Corner {
-        self.corner_in_cam(self.cam_from_world * point)
-    }
-
-    fn corner_in_cam(&self, in_cam: Point3<f64>) -> Corner {
+        let in_cam = self.cam_from_world * point;
         let pixel = self.project_in_cam(&in_cam).map(|(pixel, _)| pixel);
         Corner { in_cam, pixel }
     }
@@ -131,98 +128,29 @@ struct DepthBuffer {
     scale: f64,
     /// Of a pixel of the buffer.
     pixel_angle: f64,
+    /// 0 where nothing is seen.
     depths: Vec<f32>,
 }
 
 impl DepthBuffer {
-    fn draw(view: &View, mesh: &TriangleMesh, corners: &[Corner]) -> Self {
+    fn draw(view: &View, mesh: &DrawableMesh) -> Self {
         let (w, h) = (f64::from(view.camera.width), f64::from(view.camera.height));
         let scale = (MAX_BUFFER_PIXELS / (w * h)).sqrt().min(1.0);
-        let [width, height] = [w, h].map(|side| (side * scale).ceil() as usize);
-        let pixel_angle = 1.0 / (scale * view.camera.focal().min());
-        let depths = vec![f32::INFINITY; width * height];
-        let mut buffer = Self { width, height, scale, pixel_angle, depths };
-        for triangle in &mesh.triangles {
-            buffer.draw_triangle(view, triangle.map(|v| corners[v as usize]));
+        let [width, height] = [w, h].map(|side| (side * scale).ceil() as u32);
+        let eye = VirtualCamera::new(&view.camera.scaled(scale, width, height));
+        Self {
+            width: width as usize,
+            height: height as usize,
+            scale,
+            pixel_angle: 1.0 / (scale * view.camera.focal().min()),
+            depths: eye.draw_depth(mesh, &view.cam_from_world),
         }
-        buffer
     }
 
     fn at(&self, pixel: &Point2<f64>) -> f64 {
         let [x, y] = [(pixel.x, self.width), (pixel.y, self.height)]
             .map(|(at, size)| ((at * self.scale) as usize).min(size - 1));
-        f64::from(self.depths[y * self.width + x])
-    }
-
-    /// Draws a triangle in parts that are small enough for straight edges and even depth.
-    fn draw_triangle(&mut self, view: &View, corners: [Corner; 3]) {
-        if corners.iter().all(|corner| corner.in_cam.z < NEAR) {
-            return;
-        }
-        if let [Some(a), Some(b), Some(c)] = corners.map(|corner| corner.pixel) {
-            let [a, b, c] = [a, b, c].map(|pixel| pixel * self.scale);
-            let (low, high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
-            let outside = high.x < 0.0
-                || high.y < 0.0
-                || low.x > self.width as f64
-                || low.y > self.height as f64;
-            if outside {
-                return;
-            }
-            if (high - low).max() <= MAX_DRAWN_SIDE {
-                let [za, zb, zc] = corners.map(|corner| corner.in_cam.z);
-                self.fill([(a, za), (b, zb), (c, zc)], low, high);
-                return;
-            }
-        } else if self.is_negligible(view, &corners) {
-            return;
-        }
-        let [a, b, c] = corners;
-        let [ab, bc, ca] = [(a, b), (b, c), (c, a)]
-            .map(|(p, q)| view.corner_in_cam(nalgebra::center(&p.in_cam, &q.in_cam)));
-        for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            self.draw_triangle(view, part);
-        }
-    }
-
-    /// Whether a triangle that is not wholly within the cone of rays is not within it at all, or so
-    /// small that its parts beyond the border of the image are all that could be lost.
-    fn is_negligible(&self, view: &View, corners: &[Corner; 3]) -> bool {
-        let points = corners.map(|corner| corner.in_cam);
-        let m = view.max_slope;
-        let is_beside = |beyond: fn(&Point3<f64>, f64) -> bool| points.iter().all(|p| beyond(p, m));
-        let [a, b, c] = points;
-        let longest =
-            (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
-        let depth = a.z.max(b.z).max(c.z);
-        longest.sqrt() < MAX_LOST_SIDE * self.pixel_angle * depth
-            || is_beside(|p, m| p.x > m * p.z)
-            || is_beside(|p, m| p.x < -m * p.z)
-            || is_beside(|p, m| p.y > m * p.z)
-            || is_beside(|p, m| p.y < -m * p.z)
-    }
-
-    fn fill(&mut self, corners: [(Point2<f64>, f64); 3], low: Point2<f64>, high: Point2<f64>) {
-        let [(a, za), (b, zb), (c, zc)] = corners;
-        let area = (b - a).perp(&(c - a));
-        if area == 0.0 {
-            return;
-        }
-        // Depth is even over pixels that are small against it.
-        let first = low.map(|v| (v - 0.5).ceil().max(0.0) as usize);
-        let end = |v: f64, size: usize| ((v - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
-        for y in first.y..end(high.y, self.height) {
-            for x in first.x..end(high.x, self.width) {
-                let p = Point2::new(x as f64 + 0.5, y as f64 + 0.5);
-                let wa = (b - p).perp(&(c - p)) / area;
-                let wb = (c - p).perp(&(a - p)) / area;
-                let wc = 1.0 - wa - wb;
-                if wa >= 0.0 && wb >= 0.0 && wc >= 0.0 {
-                    let depth = (wa * za + wb * zb + wc * zc) as f32;
-                    let nearest = &mut self.depths[y * self.width + x];
-                    *nearest = nearest.min(depth);
-                }
-            }
-        }
+        let depth = f64::from(self.depths[y * self.width + x]);
+        if depth > 0.0 { depth } else { f64::INFINITY }
     }
 }
