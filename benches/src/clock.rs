@@ -30,15 +30,22 @@ fn process_cpu_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// CPU seconds of the children waited for, by the kernel's count in hundredths of a second; 0
-/// where there is no such count.
 fn children_cpu_s() -> f64 {
-    /// Fields of `/proc/self/stat` after the process name, and ticks per second of its times.
-    const CHILDREN: [usize; 2] = [13, 14];
+    cpu_s("/proc/self/stat")[1]
+}
+
+/// CPU seconds of a process and of its children that it has waited for, by the kernel's count in
+/// hundredths of a second; 0 where there is no such count.
+///
+/// * `stat`: path of its `stat` file.
+pub(crate) fn cpu_s(stat: &str) -> [f64; 2] {
+    /// First of the four times among the fields after the process name, and their unit.
+    const FIRST: usize = 11;
     const TICKS: f64 = 100.0;
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let stat = std::fs::read_to_string(stat).unwrap_or_default();
     let fields: Vec<&str> =
         stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = CHILDREN.map(|k| fields.get(k).and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.0));
-    (ticks[0] + ticks[1]) / TICKS
+    let seconds =
+        |k: usize| fields.get(k).and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.0) / TICKS;
+    [0, 2].map(|k| seconds(FIRST + k) + seconds(FIRST + k + 1))
 }

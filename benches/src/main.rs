@@ -2,15 +2,18 @@
 //!
 //! ```text
 //! cargo run --release -p volery-benches -- [SET...]
+//! cargo run --release -p volery-benches -- load [SECONDS] [nothing] [reconstruction] [flood]
 //! ```
 //!
 //! * `SET`: only sets whose name contains one of these words; the file is then left alone.
+//! * `load`: the server under load, a table by itself; the program must have been built.
 //! * `VOLERY_BENCH_RUNS`: runs of each reconstruction, the median counts (1; with peers 3).
 //! * `VOLERY_PEERS_PYTHON`: a Python that has pycolmap and openmvg-rs, to be run in turn with ours.
 
 use std::process::ExitCode;
 
 mod clock;
+mod load;
 mod machine;
 mod sets;
 mod stages;
@@ -25,6 +28,20 @@ fn main() -> ExitCode {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
                 println!("{error}");
+                ExitCode::FAILURE
+            }
+        };
+    }
+    if let [first, rest @ ..] = arguments.as_slice()
+        && first == load::COMMAND
+    {
+        return match load::load(rest) {
+            Ok(table) => {
+                println!("{}", table.to_markdown());
+                ExitCode::SUCCESS
+            }
+            Err(error) => {
+                eprintln!("{error}");
                 ExitCode::FAILURE
             }
         };

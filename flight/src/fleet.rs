@@ -225,6 +225,11 @@ impl Fleet {
             self.report(id, happenings);
             self.send(id, out);
         }
+        self.take_datagrams()
+    }
+
+    /// What is to be sent at once: poses that were taken since the last call or poll.
+    pub fn take_datagrams(&mut self) -> Vec<Datagram> {
         std::mem::take(&mut self.outbox)
     }
 

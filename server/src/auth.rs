@@ -3,7 +3,7 @@
 use std::{
     collections::HashMap,
     net::{IpAddr, Ipv4Addr},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -62,20 +62,36 @@ pub(crate) struct Guard {
 #[derive(Debug, Default)]
 struct Kept {
     failures: HashMap<IpAddr, (u32, Instant)>,
-    /// Hashes that were valid before: a flood of guesses does not lock their owners out.
-    known: HashMap<[u8; 32], Caller>,
+    /// By the hashes that were valid before: a flood of guesses does not lock their owners out.
+    known: HashMap<[u8; 32], Known>,
+    /// How often a token was deleted.
+    num_deleted: u64,
+}
+
+/// A token that was valid when it was used first.
+#[derive(Debug, Clone)]
+struct Known {
+    caller: Caller,
+    expires_ms: Option<i64>,
+    is_deleted: bool,
+}
+
+impl Known {
+    fn is_expired(&self) -> bool {
+        self.expires_ms.is_some_and(|end| end <= clock::now_ms())
+    }
 }
 
 impl Guard {
     fn check(&self, address: IpAddr, hash: &[u8; 32], now: Instant) -> ApiResult<()> {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = self.lock();
         let Some(&(failures, since)) = kept.failures.get(&address) else { return Ok(()) };
         let window = WINDOW * (failures / MAX_FAILURES).max(1);
         if now >= since + window {
             kept.failures.remove(&address);
             return Ok(());
         }
-        if failures < MAX_FAILURES || kept.known.contains_key(hash) {
+        if failures < MAX_FAILURES || kept.known.get(hash).is_some_and(|known| !known.is_deleted) {
             return Ok(());
         }
         let retry_after_s = (since + window - now).as_secs() + 1;
@@ -86,24 +102,44 @@ impl Guard {
     }
 
     fn failed(&self, address: IpAddr, now: Instant) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = self.lock();
         if kept.failures.len() >= MAX_KEPT {
             kept.failures.clear();
         }
         kept.failures.entry(address).or_insert((0, now)).0 += 1;
     }
 
-    fn passed(&self, hash: [u8; 32], caller: Caller) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Remembers a token that was found when [`Guard::num_deleted`] was as given: one that is
+    /// deleted meanwhile stays unknown.
+    fn passed(&self, hash: [u8; 32], known: Known, num_deleted: u64) {
+        let mut kept = self.lock();
         if kept.known.len() >= MAX_KEPT {
             kept.known.clear();
         }
-        kept.known.insert(hash, caller);
+        if kept.num_deleted == num_deleted {
+            kept.known.insert(hash, known);
+        }
     }
 
-    fn known(&self, hash: &[u8; 32]) -> Option<Caller> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.known.get(hash).cloned()
+    fn known(&self, hash: &[u8; 32]) -> Option<Known> {
+        self.lock().known.get(hash).cloned()
+    }
+
+    fn num_deleted(&self) -> u64 {
+        self.lock().num_deleted
+    }
+
+    /// A token was deleted.
+    pub(crate) fn forget(&self, id: Uuid) {
+        let mut kept = self.lock();
+        kept.num_deleted += 1;
+        for known in kept.known.values_mut() {
+            known.is_deleted |= known.caller.id == id;
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -150,18 +186,31 @@ async fn authenticate(parts: &Parts, app: &App) -> ApiResult<Caller> {
     let now = Instant::now();
     let hash = hash_secret(secret);
     app.guard.check(address, &hash, now)?;
-    let token = app.store.token_by_hash(&hash).await?;
-    let Some(token) = token.filter(|token| bool::from(token.hash.ct_eq(&hash))) else {
-        app.guard.failed(address, now);
-        return Err(ApiError::new(Code::Unauthorized, "the token is not valid"));
+    let known = match app.guard.known(&hash).filter(|known| !known.is_deleted) {
+        Some(known) => known,
+        None => find(app, address, &hash, now).await?,
     };
-    if token.expires_ms.is_some_and(|end| end <= clock::now_ms()) {
+    if known.is_expired() {
         return Err(ApiError::new(Code::TokenExpired, "the token has expired")
             .hint("ask an admin for a new one"));
     }
+    Ok(known.caller)
+}
+
+/// Looks a token up and remembers it: tokens do not change, they are only deleted.
+async fn find(app: &App, address: IpAddr, hash: &[u8; 32], now: Instant) -> ApiResult<Known> {
+    let num_deleted = app.guard.num_deleted();
+    let token = app.store.token_by_hash(hash).await?;
+    let Some(token) = token.filter(|token| bool::from(token.hash.ct_eq(hash))) else {
+        app.guard.failed(address, now);
+        return Err(ApiError::new(Code::Unauthorized, "the token is not valid"));
+    };
     let caller = Caller { id: token.id, name: token.name, role: token.role };
-    app.guard.passed(hash, caller.clone());
-    Ok(caller)
+    let known = Known { caller, expires_ms: token.expires_ms, is_deleted: false };
+    if !known.is_expired() {
+        app.guard.passed(*hash, known.clone(), num_deleted);
+    }
+    Ok(known)
 }
 
 macro_rules! callers {
@@ -214,6 +263,7 @@ impl FromRequestParts<Arc<App>> for Stopper {
     async fn from_request_parts(parts: &mut Parts, app: &Arc<App>) -> ApiResult<Self> {
         let known = bearer(&parts.headers)
             .and_then(|secret| app.guard.known(&hash_secret(secret)))
+            .map(|known| known.caller)
             .filter(|caller| caller.role >= Role::Pilot);
         match known {
             Some(caller) => {
@@ -239,9 +289,27 @@ mod tests {
             guard.failed(address, now);
         }
         assert_eq!(guard.check(address, &[0; 32], now).unwrap_err().code(), "too_many_failures");
-        guard.passed([1; 32], Caller { id: Uuid::nil(), name: String::new(), role: Role::Viewer });
+        guard.passed([1; 32], viewer(), 0);
         guard.check(address, &[1; 32], now).unwrap();
         guard.check(address, &[0; 32], now + WINDOW).unwrap();
+    }
+
+    fn viewer() -> Known {
+        let caller = Caller { id: Uuid::nil(), name: String::new(), role: Role::Viewer };
+        Known { caller, expires_ms: None, is_deleted: false }
+    }
+
+    /// Dies if a token is remembered that was deleted between its being found and remembered.
+    #[test]
+    fn a_deleted_token_is_not_remembered_as_valid() {
+        let guard = Guard::default();
+        guard.passed([1; 32], viewer(), guard.num_deleted());
+        assert!(!guard.known(&[1; 32]).unwrap().is_deleted);
+        let found_when = guard.num_deleted();
+        guard.forget(Uuid::nil());
+        assert!(guard.known(&[1; 32]).unwrap().is_deleted);
+        guard.passed([2; 32], viewer(), found_when);
+        assert!(guard.known(&[2; 32]).is_none());
     }
 
     #[test]

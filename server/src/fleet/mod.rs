@@ -1,4 +1,4 @@
-//! Drones: one UDP socket, a thread that does nothing else, and everything around it.
+//! Drones: one UDP address, a thread that does nothing else, and everything around it.
 //!
 //! Every decision is made by [`volery_flight::Fleet`], which is pure. Here it gets a socket and a
 //! clock. Whoever changes it sends at once what that calls for: no queue lies between a request
@@ -11,6 +11,7 @@ mod orders;
 mod places;
 mod service;
 mod signing_time;
+mod sockets;
 mod wire;
 
 pub(crate) use leases::LeaseRefusal;

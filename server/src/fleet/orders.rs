@@ -107,7 +107,7 @@ impl Drones {
 
     /// Leases that are not over.
     pub(crate) fn leases(&self) -> Vec<Lease> {
-        self.shared.with(|state, now| state.leases.list(now))
+        self.shared.read(|state, now| state.leases.list(now))
     }
 
     /// Stops all.

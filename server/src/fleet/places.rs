@@ -11,7 +11,7 @@ use crate::clock;
 impl Drones {
     /// Sends a pose to a drone's estimator, if it can be true.
     pub(crate) fn pose(&self, id: u8, pose: &DronePose) -> Result<(), PoseRefusal> {
-        self.shared.with(|state, now| {
+        self.shared.relay(|state, now| {
             let fix = wire::pose_fix(pose, now).ok_or(PoseRefusal::NotFinite)?;
             state.fleet.pose(VehicleId(id), fix, now)
         })
@@ -27,7 +27,7 @@ impl Drones {
     ) -> Result<(), PoseRefusal> {
         let Some(pose) = &frame.pose else { return Ok(()) };
         let captured = captured.saturating_duration_since(self.shared.start);
-        self.shared.with(|state, now| {
+        self.shared.relay(|state, now| {
             let mount = state.registered.get(&id).map(|drone| drone.body_from_camera);
             let covariance = frame.covariance.as_deref();
             let fix = wire::camera_fix(pose, covariance, mount, captured, frame.reset_counter)
@@ -46,7 +46,7 @@ impl Drones {
     ) -> Option<FramePlace> {
         let pose = frame.pose.as_ref()?;
         let captured = captured.saturating_duration_since(self.shared.start);
-        self.shared.with(|state, now| {
+        self.shared.relay(|state, now| {
             let mount = state.registered.get(&id).map(|drone| drone.body_from_camera);
             // One frame alone gives up no place.
             let last = state.fleet.vehicle(VehicleId(id)).and_then(|vehicle| vehicle.last_pose());

@@ -14,21 +14,18 @@ use std::{
 
 use tokio::sync::{broadcast, watch};
 use volery_api::{Drone, DroneCommandStatus, DroneEvent, DroneState, PutDrone, VisionMessage};
-use volery_flight::{Fleet, FleetOptions, Key, VehicleId};
+use volery_flight::{Datagram, Fleet, FleetOptions, Key, VehicleId};
 
 use super::{
     journal::Journal,
     leases::Leases,
     news::{DroneNews, News},
     signing_time::{KEEP_TIME, SigningTimes},
+    sockets::{self, Sockets},
     wire,
 };
 use crate::{clock, config::MavlinkSettings, flights::Flights};
 
-/// Bytes that may wait while the thread is not running: two seconds of fifty drones.
-const RECEIVE_BUFFER: usize = 8 << 20;
-/// Largest datagram of a drone.
-const MAX_DATAGRAM: usize = 2048;
 /// Longest wait for a datagram: sending is late by this at most.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(5);
 
@@ -67,12 +64,7 @@ impl Drones {
     /// Opens the socket and starts the thread.
     pub(crate) fn open(settings: &MavlinkSettings, data: &Path) -> Result<Self, DroneLinkError> {
         let failed = |error| DroneLinkError(settings.listen, error);
-        let socket = UdpSocket::bind(settings.listen).map_err(failed)?;
-        rustix::net::sockopt::set_socket_recv_buffer_size(&socket, RECEIVE_BUFFER)
-            .map_err(|error| failed(error.into()))?;
-        let granted = rustix::net::sockopt::socket_recv_buffer_size(&socket)
-            .map_err(|error| failed(error.into()))?;
-        socket.set_read_timeout(Some(RECEIVE_TIMEOUT)).map_err(failed)?;
+        let (socket, granted) = sockets::open(settings.listen).map_err(failed)?;
         let address = socket.local_addr().map_err(failed)?;
         tracing::info!(%address, granted_bytes = granted, "drones are heard on udp {address}");
         let times = SigningTimes::new(data);
@@ -98,9 +90,10 @@ impl Drones {
                 news: News::new(),
             }),
         });
+        let sockets = shared.socket.try_clone().and_then(Sockets::new).map_err(failed)?;
         let thread = std::thread::Builder::new().name("drones".to_owned()).spawn({
             let shared = Arc::clone(&shared);
-            move || shared.run(&times)
+            move || shared.run(sockets, &times)
         });
         Ok(Self { shared, thread: Mutex::new(Some(thread.map_err(failed)?)) })
     }
@@ -150,7 +143,7 @@ impl Drones {
 
     /// All drones that are registered or were heard.
     pub(crate) fn list(&self) -> Vec<Drone> {
-        self.shared.with(|state, now| {
+        self.shared.read(|state, now| {
             let heard = state.fleet.vehicles().map(|vehicle| vehicle.id.0);
             let ids: std::collections::BTreeSet<u8> =
                 state.registered.keys().copied().chain(heard).collect();
@@ -160,7 +153,7 @@ impl Drones {
 
     /// One of them.
     pub(crate) fn get(&self, id: u8) -> Option<Drone> {
-        self.shared.with(|state, now| {
+        self.shared.read(|state, now| {
             let drone = state.drone(id, now);
             (drone.name.is_some() || drone.state.is_some()).then_some(drone)
         })
@@ -168,18 +161,23 @@ impl Drones {
 
     /// How far a command is.
     pub(crate) fn command_status(&self, id: u64) -> Option<DroneCommandStatus> {
-        self.shared.with(|state, _| state.journal.command(id))
+        self.shared.read(|state, _| state.journal.command(id))
     }
 
     /// What a drone says of itself.
     pub(crate) fn state(&self, id: u8) -> Option<DroneState> {
-        self.shared.with(|state, now| {
+        self.shared.read(|state, now| {
             let vehicle = state.fleet.vehicle(VehicleId(id))?;
             Some(wire::drone_state(vehicle, now, clock::now_ns()))
         })
     }
 
-    /// Reads or changes flights.
+    /// Reads flights.
+    pub(crate) fn read_flights<T>(&self, look: impl FnOnce(&Flights, &Fleet, Duration) -> T) -> T {
+        self.shared.read(|state, now| look(&state.flights, &state.fleet, now))
+    }
+
+    /// Changes flights.
     pub(crate) fn flights<T>(
         &self,
         change: impl FnOnce(&mut Flights, &mut Fleet, Duration) -> T,
@@ -189,17 +187,17 @@ impl Drones {
 
     /// States of all drones, ten times a second.
     pub(crate) fn watch(&self) -> watch::Receiver<Arc<[DroneState]>> {
-        self.shared.with(|state, _| state.news.watch())
+        self.shared.read(|state, _| state.news.watch())
     }
 
     /// Commands and alerts of all drones from now on.
     pub(crate) fn listen(&self) -> broadcast::Receiver<DroneNews> {
-        self.shared.with(|state, _| state.news.listen())
+        self.shared.read(|state, _| state.news.listen())
     }
 
     /// Events of a drone after the one numbered `after`, as far as they are kept.
     pub(crate) fn events(&self, id: u8, after: u64) -> Vec<DroneEvent> {
-        self.shared.with(|state, _| state.journal.events(id, after))
+        self.shared.read(|state, _| state.journal.events(id, after))
     }
 }
 
@@ -223,7 +221,21 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes or reads the fleet, and sends what follows from it before anybody else gets it.
+    /// Looks, and changes nothing.
+    pub(super) fn read<T>(&self, look: impl FnOnce(&State, Duration) -> T) -> T {
+        let state = self.lock();
+        look(&state, self.start.elapsed())
+    }
+
+    /// Passes something on to one drone: it is sent at once, and nothing else is.
+    pub(super) fn relay<T>(&self, pass: impl FnOnce(&mut State, Duration) -> T) -> T {
+        let mut state = self.lock();
+        let result = pass(&mut state, self.start.elapsed());
+        self.transmit(state.fleet.take_datagrams());
+        result
+    }
+
+    /// Changes the fleet, and sends what follows from it before anybody else gets it.
     pub(super) fn with<T>(&self, change: impl FnOnce(&mut State, Duration) -> T) -> T {
         let mut state = self.lock();
         let now = self.start.elapsed();
@@ -232,14 +244,18 @@ impl Shared {
         result
     }
 
-    fn send(&self, state: &mut State, now: Duration) {
-        state.flights.poll(&mut state.fleet, now, clock::now_ns());
-        for datagram in state.fleet.poll(now) {
+    fn transmit(&self, datagrams: Vec<Datagram>) {
+        for datagram in datagrams {
             // A drone that cannot be reached is noticed by its silence.
             if let Err(error) = self.socket.send_to(&datagram.bytes, datagram.to) {
                 tracing::debug!(%error, to = %datagram.to, "datagram not sent");
             }
         }
+    }
+
+    fn send(&self, state: &mut State, now: Duration) {
+        state.flights.poll(&mut state.fleet, now, clock::now_ns());
+        self.transmit(state.fleet.poll(now));
         let t_ns = clock::now_ns();
         for event in state.fleet.take_events() {
             state.journal.write(&event, t_ns, &state.news);
@@ -251,18 +267,19 @@ impl Shared {
     }
 
     /// Receives, and sends when it is time, until it is told to end.
-    fn run(&self, signing_times: &SigningTimes) {
-        let mut buffer = [0; MAX_DATAGRAM];
+    fn run(&self, mut sockets: Sockets, signing_times: &SigningTimes) {
         let mut next_keep = Duration::ZERO;
         while !self.closing.load(Ordering::Relaxed) {
-            let received = self.socket.recv_from(&mut buffer);
+            sockets.wait(RECEIVE_TIMEOUT);
             let mut state = self.lock();
+            sockets.receive(|datagram, from| {
+                state.fleet.receive(datagram, from, self.start.elapsed());
+            });
             let now = self.start.elapsed();
-            if let Ok((length, from)) = received {
-                state.fleet.receive(&buffer[..length], from, now);
-            }
             if now >= state.fleet.next_wakeup() {
                 self.send(&mut state, now);
+                let drones = state.fleet.vehicles().map(|vehicle| vehicle.address).collect();
+                sockets.follow(&drones);
             }
             if now >= next_keep {
                 next_keep = now + KEEP_TIME;

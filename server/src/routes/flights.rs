@@ -43,8 +43,8 @@ pub(crate) async fn create_flight(
     space.air = air(&app, &version, request.allow_unseen).await?;
     let own: Vec<VehicleId> = request.drones.iter().map(|drone| VehicleId(drone.id)).collect();
     // Planning may take a second with many drones, and the drones' link must not wait for it.
-    let (fleet, others) =
-        drones(&app)?.flights(|flights, fleet, _| (fleet.clone(), flights.others(&own, fleet)));
+    let (fleet, others) = drones(&app)?
+        .read_flights(|flights, fleet, _| (fleet.clone(), flights.others(&own, fleet)));
     let map = space.map;
     let planned = tokio::task::spawn_blocking(move || plan(&request, space, &fleet, others));
     let conductor = planned.await??;
@@ -71,8 +71,9 @@ pub(crate) async fn fly_to_target(
     let fence = app.store.geofence(request.map_id).await?;
     let mut space = Space::of(request.map_id, &version.info, fence.as_ref())?;
     space.air = air(&app, &version, request.allow_unseen).await?;
-    let (fleet, others, now) = drones(&app)?
-        .flights(|flights, fleet, now| (fleet.clone(), flights.others(&[vehicle], fleet), now));
+    let (fleet, others, now) = drones(&app)?.read_flights(|flights, fleet, now| {
+        (fleet.clone(), flights.others(&[vehicle], fleet), now)
+    });
     let (map, dry_run) = (space.map, request.dry_run);
     let planned =
         tokio::task::spawn_blocking(move || plan_target(id, &request, space, &fleet, others, now));
@@ -108,7 +109,7 @@ pub(crate) async fn list_flights(
     State(app): State<Arc<App>>,
     _caller: Viewer,
 ) -> ApiResult<Json<Vec<Flight>>> {
-    Ok(Json(drones(&app)?.flights(|flights, _, _| flights.list())))
+    Ok(Json(drones(&app)?.read_flights(|flights, _, _| flights.list())))
 }
 
 /// One flight: its plan, its state, what happened.
@@ -120,7 +121,7 @@ pub(crate) async fn get_flight(
     _caller: Viewer,
     At(id): At<Uuid>,
 ) -> ApiResult<Json<Flight>> {
-    let flight = drones(&app)?.flights(|flights, _, _| flights.get(id));
+    let flight = drones(&app)?.read_flights(|flights, _, _| flights.get(id));
     flight.map(Json).ok_or_else(|| ApiError::not_found("flight", id))
 }
 

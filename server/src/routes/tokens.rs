@@ -66,6 +66,7 @@ pub(crate) async fn delete_token(
     At(id): At<Uuid>,
 ) -> ApiResult<Deleted> {
     if app.store.delete_token(id).await? {
+        app.guard.forget(id);
         Ok(Deleted)
     } else {
         Err(ApiError::not_found("token", id))

@@ -27,7 +27,7 @@ pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResu
     Ok(Some(match (kind, which) {
         ("alerts", "") => {
             let drones = drones(app)?;
-            let flights = drones.flights(|flights, _, _| flights.listen());
+            let flights = drones.read_flights(|flights, _, _| flights.listen());
             let news = drones.listen();
             until_gone(alerts(news, flights, outbox, topic))
         }
