@@ -81,6 +81,21 @@ fn signed_drones_answer_their_key() {
     }
 }
 
+/// The signing clock of a drone is told, also of one that is so far behind that it is not heard.
+#[test]
+fn signing_clocks_are_compared() {
+    let epoch = signing_time(Duration::from_secs(1_795_000_000));
+    for ahead in [0.0, 20.0, 3600.0, -20.0, -3600.0] {
+        let theirs = epoch.saturating_add_signed((ahead * 1e5) as i64);
+        let signing = Some(Signing { key: [5; 32], epoch: theirs });
+        let drone = DroneOptions { signing, ..options(Flavor::Px4) };
+        let mut inspector = Inspector::new(Some(Key([5; 32])), epoch);
+        inspect(drone, &mut inspector);
+        let found = inspector.vehicles()[&VehicleId(7)].clock_ahead.unwrap();
+        assert!((found - ahead).abs() < 0.1, "{ahead} s: {found} s");
+    }
+}
+
 /// Two vehicles of one number are told by their addresses.
 #[test]
 fn one_number_at_two_addresses_is_seen() {

@@ -20,6 +20,10 @@ const PATIENCE: Duration = Duration::from_secs(30);
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(10);
 const MAX_DATAGRAM: usize = 2048;
 
+/// A signing clock that is further off is worth a word: behind by a minute, a drone is not heard;
+/// ahead, its recorded messages would be good until that time.
+const MAX_CLOCK_ERROR_S: f64 = 10.0;
+
 /// Listens where drones send to, and looks at everyone who is heard.
 pub(super) fn checks(listen: SocketAddr, key: Option<[u8; 32]>) -> Vec<Check> {
     match inspect(listen, key) {
@@ -63,9 +67,21 @@ fn checks_of(id: u8, inspected: &Inspected) -> Vec<Check> {
     if inspected.addresses.len() > 1 {
         checks.push(bad(format!("{id}: two drones have this number; give them their own")));
     }
+    let clock = inspected.clock_ahead.filter(|ahead| ahead.abs() > MAX_CLOCK_ERROR_S);
+    checks.extend(clock.map(|ahead| {
+        let side = if ahead > 0.0 { "ahead" } else { "behind" };
+        let error = ahead.abs();
+        bad(format!(
+            "{id}: its signing clock is {error:.0} s {side}; it takes its time from \
+                     whoever sets up its key: set the key anew"
+        ))
+    }));
     let findings = inspected.inspection.findings();
     if findings.iter().all(|finding| finding.value.is_none()) && !findings.is_empty() {
-        checks.push(bad(format!("{id}: it tells no parameters; does it sign with another key?")));
+        if inspected.clock_ahead.is_none() {
+            let why = "it tells no parameters; does it sign with another key?";
+            checks.push(bad(format!("{id}: {why}")));
+        }
         return checks;
     }
     checks.extend(findings.iter().map(|finding| Check {
@@ -75,7 +91,9 @@ fn checks_of(id: u8, inspected: &Inspected) -> Vec<Check> {
     }));
     if checks.iter().all(|check| check.ok) {
         let autopilot = inspected.inspection.autopilot().name();
-        let detail = format!("{id}: {autopilot}, set up for flight by camera");
+        let clock = inspected.clock_ahead;
+        let clock = clock.map_or(String::new(), |s| format!(", signing clock {s:+.1} s"));
+        let detail = format!("{id}: {autopilot}, set up for flight by camera{clock}");
         checks.insert(0, Check { name: "drone", ok: true, detail });
     }
     checks

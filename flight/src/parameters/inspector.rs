@@ -10,7 +10,7 @@ use super::inspection::Inspection;
 use crate::fleet::GROUND_STATION;
 use crate::message::{self, AUTOPILOT_COMPONENT};
 use crate::options::Datagram;
-use crate::signing::{Key, Verifier};
+use crate::signing::{Key, SignatureError, Verifier};
 use crate::wire::{read_frame, write_frame};
 use crate::{Autopilot, VehicleId};
 
@@ -24,6 +24,9 @@ pub struct Inspected {
     pub addresses: BTreeSet<SocketAddr>,
     /// What it said of its parameters.
     pub inspection: Inspection,
+    /// How far its signing clock is ahead of ours, seconds; `None` when it does not sign with the
+    /// key.
+    pub clock_ahead: Option<f64>,
     verifier: Verifier,
 }
 
@@ -71,15 +74,24 @@ impl Inspector {
                     let inspected = Inspected {
                         addresses: [from].into(),
                         inspection: Inspection::new(id, autopilot),
+                        clock_ahead: None,
                         verifier: Verifier::default(),
                     };
                     self.vehicles.insert(id, inspected);
                 }
                 continue;
             };
-            let key = self.key.as_ref();
-            if key.is_some_and(|key| vehicle.verifier.verify(key, &frame, signing_time).is_err()) {
-                continue;
+            if let Some(key) = &self.key {
+                let verified = vehicle.verifier.verify(key, &frame, signing_time);
+                if let (Ok(()) | Err(SignatureError::Old { .. }), Some(signature)) =
+                    (verified, frame.signature)
+                {
+                    let ahead = signature.time as f64 - signing_time as f64;
+                    vehicle.clock_ahead = Some(ahead / SIGNING_UNITS);
+                }
+                if verified.is_err() {
+                    continue;
+                }
             }
             vehicle.addresses.insert(from);
             vehicle.inspection.receive(message);

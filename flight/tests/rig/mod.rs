@@ -171,7 +171,8 @@ impl Rig {
 
     /// Gives a command to a vehicle that takes it.
     pub(crate) fn command(&mut self, id: u8, command: Command) -> CommandId {
-        self.fleet.command(VehicleId(id), &command, self.now).expect("the command is taken")
+        let given = self.fleet.command(VehicleId(id), &command, self.now);
+        given.unwrap_or_else(|refusal| panic!("{id}: {refusal:?} {:#?}", self.tail()))
     }
 
     /// The end of a command, if it has come.
