@@ -1,11 +1,9 @@
 //! Who did what when.
 
-mod support;
-
 use std::time::{Duration, Instant};
 
+use crate::support::{Client, Server};
 use serde_json::{Value, json};
-use support::{Client, Server};
 
 /// The newest entries, once `enough` of them say so.
 async fn entries(client: &Client, enough: impl Fn(&[Value]) -> bool) -> Vec<Value> {
@@ -57,7 +55,7 @@ async fn what_changes_something_is_noted_with_its_caller_and_its_end() {
 
 #[tokio::test]
 async fn a_command_is_noted_in_words() {
-    let server = support::field::server().await;
+    let server = crate::support::field::server().await;
     let command = json!({"type": "takeoff", "height": 1.0});
     server.client.post("/v1/drones/9/commands", command).await.expect(404);
     let told = entries(&server.client, |entries| !entries.is_empty()).await;

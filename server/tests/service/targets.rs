@@ -1,11 +1,9 @@
 //! Targets of single drones: legs, checks, flights; simulated drones fly them.
 
-mod support;
-
 use std::f64::consts::FRAC_PI_2;
 
+use crate::support::{Client, field, field::Field, photo};
 use serde_json::{Value, json};
-use support::{Client, field, field::Field, photo};
 use volery_simulator::{DroneOptions, Flavor};
 
 /// A map in meters, fenced from -2 m to 20 m, that knows its free space or not.

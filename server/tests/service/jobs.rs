@@ -1,11 +1,9 @@
 //! Jobs by their invariants: one worker at a time, bounded attempts, nothing half-done is seen.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Client, Server};
 use serde_json::{Value, json};
-use support::{Client, Server};
 
 async fn events(client: &Client, job: &str) -> Vec<Value> {
     let events = client.get(&format!("/v1/jobs/{job}/events")).await.expect(200).json();
@@ -256,7 +254,11 @@ async fn options_are_those_of_the_table() {
     assert_eq!(submit(json!({"speed": 1})).await.expect(422).code(), "unknown_field");
 }
 
-async fn client_job(client: &support::Client, set: &str, options: Value) -> support::Answer {
+async fn client_job(
+    client: &crate::support::Client,
+    set: &str,
+    options: Value,
+) -> crate::support::Answer {
     client.post("/v1/jobs", json!({"imageset_ids": [set], "options": options})).await
 }
 
@@ -325,7 +327,8 @@ async fn a_stop_puts_the_job_back_and_costs_it_no_attempt() {
     let job = client.reconstruct(&["slow-1.jpg", "slow-2.jpg"]).await;
     client.wait_for(&job, &["running"]).await;
     server.running.stop().await;
-    let again = volery_server::start(support::config(&server.folder.0.join("data"))).await.unwrap();
+    let again =
+        volery_server::start(crate::support::config(&server.folder.0.join("data"))).await.unwrap();
     let client = Client { addr: again.addr, ..client };
     let job = client.finished(&job).await;
     assert_eq!((job["state"].as_str(), job["attempt"].as_u64()), (Some("succeeded"), Some(1)));

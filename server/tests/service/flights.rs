@@ -1,11 +1,9 @@
 //! Group flights over HTTP: plans, refusals, fences; positions by beacons.
 
-mod support;
-
 use std::net::SocketAddr;
 
+use crate::support::Server;
 use serde_json::{Value, json};
-use support::Server;
 use volery_server::MavlinkSettings;
 
 async fn server() -> Server {

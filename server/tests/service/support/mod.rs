@@ -1,8 +1,6 @@
 //! A service over a folder of its own, and a client that speaks plain HTTP to it.
 
-#![allow(dead_code, unreachable_pub, reason = "every test file uses a part of it")]
-
-pub mod field;
+pub(crate) mod field;
 
 use std::{
     io::{Read, Write},
@@ -16,10 +14,10 @@ use serde_json::{Value, json};
 use volery_server::{Config, RunningServer};
 
 /// A folder that is deleted at the end of the test.
-pub struct Folder(pub PathBuf);
+pub(crate) struct Folder(pub PathBuf);
 
 impl Folder {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!("volery-server-{}-{number}", std::process::id());
@@ -36,7 +34,7 @@ impl Drop for Folder {
 }
 
 /// Settings for tests: a free port, the fake worker, and little patience.
-pub fn config(data: &Path) -> Config {
+pub(crate) fn config(data: &Path) -> Config {
     let mut config = Config::new(data, env!("CARGO_BIN_EXE_fake-worker"));
     config.listen.set_port(0);
     config.jobs.backoff = vec![Duration::from_millis(10)];
@@ -45,18 +43,18 @@ pub fn config(data: &Path) -> Config {
     config
 }
 
-pub struct Server {
-    pub running: RunningServer,
-    pub client: Client,
-    pub folder: Folder,
+pub(crate) struct Server {
+    pub(crate) running: RunningServer,
+    pub(crate) client: Client,
+    pub(crate) folder: Folder,
 }
 
 impl Server {
-    pub async fn start() -> Self {
+    pub(crate) async fn start() -> Self {
         Self::start_with(|_| {}).await
     }
 
-    pub async fn start_with(change: impl FnOnce(&mut Config)) -> Self {
+    pub(crate) async fn start_with(change: impl FnOnce(&mut Config)) -> Self {
         let folder = Folder::new();
         let mut config = config(&folder.0.join("data"));
         change(&mut config);
@@ -68,26 +66,26 @@ impl Server {
 
 /// One answer.
 #[derive(Debug)]
-pub struct Answer {
-    pub status: u16,
-    pub head: String,
-    pub body: Vec<u8>,
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: Vec<u8>,
 }
 
 impl Answer {
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_slice(&self.body)
             .unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&self.body)))
     }
 
-    pub fn code(&self) -> String {
+    pub(crate) fn code(&self) -> String {
         assert!(self.header("content-type").is_some_and(|t| t == "application/problem+json"));
         let problem = self.json();
         assert_eq!(problem["status"], self.status);
         problem["code"].as_str().unwrap().to_owned()
     }
 
-    pub fn header(&self, name: &str) -> Option<&str> {
+    pub(crate) fn header(&self, name: &str) -> Option<&str> {
         self.head.lines().skip(1).find_map(|line| {
             let (key, value) = line.split_once(':')?;
             key.eq_ignore_ascii_case(name).then(|| value.trim())
@@ -96,7 +94,7 @@ impl Answer {
 
     /// The answer itself, once its status is right.
     #[track_caller]
-    pub fn expect(self, status: u16) -> Self {
+    pub(crate) fn expect(self, status: u16) -> Self {
         let text = String::from_utf8_lossy(&self.body);
         assert_eq!(self.status, status, "{}\n{text}", self.head);
         self
@@ -105,17 +103,17 @@ impl Answer {
 
 /// One connection per request.
 #[derive(Debug, Clone)]
-pub struct Client {
-    pub addr: SocketAddr,
-    pub token: Option<String>,
+pub(crate) struct Client {
+    pub(crate) addr: SocketAddr,
+    pub(crate) token: Option<String>,
 }
 
 impl Client {
-    pub fn with_token(&self, token: Option<&str>) -> Self {
+    pub(crate) fn with_token(&self, token: Option<&str>) -> Self {
         Self { addr: self.addr, token: token.map(str::to_owned) }
     }
 
-    pub async fn send(
+    pub(crate) async fn send(
         &self,
         method: &str,
         path: &str,
@@ -139,7 +137,7 @@ impl Client {
     }
 
     /// Sends bytes and reads to the end of the connection.
-    pub async fn raw(&self, bytes: Vec<u8>) -> Answer {
+    pub(crate) async fn raw(&self, bytes: Vec<u8>) -> Answer {
         let addr = self.addr;
         tokio::task::spawn_blocking(move || {
             let mut stream = TcpStream::connect(addr).unwrap();
@@ -154,19 +152,19 @@ impl Client {
         .unwrap()
     }
 
-    pub async fn get(&self, path: &str) -> Answer {
+    pub(crate) async fn get(&self, path: &str) -> Answer {
         self.send("GET", path, &[], b"").await
     }
 
-    pub async fn delete(&self, path: &str) -> Answer {
+    pub(crate) async fn delete(&self, path: &str) -> Answer {
         self.send("DELETE", path, &[], b"").await
     }
 
-    pub async fn post(&self, path: &str, body: Value) -> Answer {
+    pub(crate) async fn post(&self, path: &str, body: Value) -> Answer {
         self.json("POST", path, &[], body).await
     }
 
-    pub async fn json(
+    pub(crate) async fn json(
         &self,
         method: &str,
         path: &str,
@@ -178,14 +176,14 @@ impl Client {
         self.send(method, path, &headers, body.to_string().as_bytes()).await
     }
 
-    pub async fn upload(&self, set: &str, files: &[(&str, &[u8])]) -> Answer {
+    pub(crate) async fn upload(&self, set: &str, files: &[(&str, &[u8])]) -> Answer {
         let path = format!("/v1/imagesets/{set}/images");
         let kind = [("Content-Type", "multipart/form-data; boundary=cut")];
         self.send("POST", &path, &kind, &multipart(files)).await
     }
 
     /// A set with photos of these names.
-    pub async fn imageset(&self, names: &[&str]) -> String {
+    pub(crate) async fn imageset(&self, names: &[&str]) -> String {
         let set = self.post("/v1/imagesets", json!({"name": "hall"})).await.expect(201).json();
         let set = set["id"].as_str().unwrap().to_owned();
         let files: Vec<_> = names.iter().map(|name| (*name, photo(name))).collect();
@@ -194,18 +192,18 @@ impl Client {
         set
     }
 
-    pub async fn reconstruct(&self, names: &[&str]) -> String {
+    pub(crate) async fn reconstruct(&self, names: &[&str]) -> String {
         let set = self.imageset(names).await;
         let job = self.post("/v1/jobs", json!({"imageset_ids": [set]})).await.expect(202).json();
         job["id"].as_str().unwrap().to_owned()
     }
 
-    pub async fn job(&self, id: &str) -> Value {
+    pub(crate) async fn job(&self, id: &str) -> Value {
         self.get(&format!("/v1/jobs/{id}")).await.expect(200).json()
     }
 
     /// The job once it is in one of these states.
-    pub async fn wait_for(&self, id: &str, states: &[&str]) -> Value {
+    pub(crate) async fn wait_for(&self, id: &str, states: &[&str]) -> Value {
         let start = Instant::now();
         loop {
             let job = self.job(id).await;
@@ -217,12 +215,12 @@ impl Client {
         }
     }
 
-    pub async fn finished(&self, id: &str) -> Value {
+    pub(crate) async fn finished(&self, id: &str) -> Value {
         self.wait_for(id, &["succeeded", "partial", "failed", "cancelled"]).await
     }
 
     /// Id of a finished map.
-    pub async fn map(&self) -> String {
+    pub(crate) async fn map(&self) -> String {
         let job = self.reconstruct(&["a.jpg", "b.jpg"]).await;
         let job = self.finished(&job).await;
         assert_eq!(job["state"], "succeeded", "{job:#}");
@@ -231,11 +229,11 @@ impl Client {
 }
 
 /// What the fake worker takes for a photo.
-pub fn photo(words: &str) -> Vec<u8> {
+pub(crate) fn photo(words: &str) -> Vec<u8> {
     [b"\xff\xd8\xff", words.as_bytes()].concat()
 }
 
-pub fn multipart(files: &[(&str, &[u8])]) -> Vec<u8> {
+pub(crate) fn multipart(files: &[(&str, &[u8])]) -> Vec<u8> {
     let mut body = Vec::new();
     for (name, bytes) in files {
         let head = format!(

@@ -1,11 +1,9 @@
 //! Drones over HTTP: who may, what is refused, and what a stranger on the socket achieves.
 
-mod support;
-
 use std::net::{SocketAddr, UdpSocket};
 
+use crate::support::Server;
 use serde_json::json;
-use support::Server;
 use volery_server::MavlinkSettings;
 
 async fn server() -> Server {

@@ -1,9 +1,7 @@
 //! Maps: versions, exports, alignment, localization.
 
-mod support;
-
+use crate::support::{Server, photo};
 use serde_json::{Value, json};
-use support::{Server, photo};
 
 #[tokio::test]
 async fn exports_have_tags_and_ranges() {

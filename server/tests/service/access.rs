@@ -1,15 +1,13 @@
 //! Tokens, roles, limits, errors.
 
-mod support;
-
 use std::{
     io::{Read, Write},
     net::TcpStream,
     time::{Duration, Instant},
 };
 
+use crate::support::{Client, Server};
 use serde_json::json;
-use support::{Client, Server};
 use volery_api::Role;
 
 /// Every operation of the description, with ids filled in.
@@ -127,8 +125,8 @@ async fn loopback_needs_no_token_only_when_told_so() {
     let page = [("Origin", "https://evil.example")];
     nobody.send("GET", "/v1/tokens", &page, b"").await.expect(401);
 
-    let folder = support::Folder::new();
-    let mut config = support::config(&folder.0);
+    let folder = crate::support::Folder::new();
+    let mut config = crate::support::config(&folder.0);
     config.loopback_without_token = true;
     config.listen = "0.0.0.0:0".parse().unwrap();
     assert!(volery_server::start(config).await.is_err());
@@ -138,9 +136,9 @@ async fn loopback_needs_no_token_only_when_told_so() {
 async fn one_service_per_folder_and_one_first_token() {
     let server = Server::start().await;
     let data = server.folder.0.join("data");
-    assert!(volery_server::start(support::config(&data)).await.is_err());
+    assert!(volery_server::start(crate::support::config(&data)).await.is_err());
     server.running.stop().await;
-    let again = volery_server::start(support::config(&data)).await.unwrap();
+    let again = volery_server::start(crate::support::config(&data)).await.unwrap();
     assert_eq!(again.admin_token, None);
     let client = Client { addr: again.addr, ..server.client };
     client.get("/v1/info").await.expect(200);

@@ -1,11 +1,9 @@
 //! Photos in: each answers for itself, and what is answered is kept.
 
-mod support;
-
 use std::io::Write;
 
+use crate::support::{Answer, Client, Server, multipart, photo};
 use serde_json::{Value, json};
-use support::{Answer, Client, Server, multipart, photo};
 use zip::write::SimpleFileOptions;
 
 async fn empty_set(client: &Client) -> String {

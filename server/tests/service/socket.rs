@@ -1,12 +1,10 @@
 //! The socket: events without gaps, and streams where the newest frame wins.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Server, photo};
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
-use support::{Server, photo};
 use tokio_tungstenite::{
     MaybeTlsStream, WebSocketStream,
     tungstenite::{Message, client::IntoClientRequest},

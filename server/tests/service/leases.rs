@@ -1,12 +1,10 @@
 //! Leases of drones, and what sockets are told of drones, with simulated drones in the air.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{Client, Server, field, field::Field};
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
-use support::{Client, Server, field, field::Field};
 use tokio_tungstenite::{
     MaybeTlsStream, WebSocketStream, connect_async,
     tungstenite::{Message, client::IntoClientRequest},

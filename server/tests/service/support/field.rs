@@ -24,7 +24,7 @@ use super::{Client, Server};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A service with a link to drones that need not sign, on a machine that may be busy.
-pub async fn server() -> Server {
+pub(crate) async fn server() -> Server {
     Server::start_with(|config| {
         let mut mavlink = MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0)));
         mavlink.accept_unsigned = true;
@@ -35,7 +35,7 @@ pub async fn server() -> Server {
 }
 
 /// Drones in an open space.
-pub struct Field {
+pub(crate) struct Field {
     client: Client,
     truth: Arc<Mutex<BTreeMap<u8, State>>>,
     stop: oneshot::Sender<()>,
@@ -45,7 +45,7 @@ pub struct Field {
 
 impl Field {
     /// Switches the drones on. Each is told where it is.
-    pub fn open(server: &Server, drones: Vec<DroneOptions>) -> Self {
+    pub(crate) fn open(server: &Server, drones: Vec<DroneOptions>) -> Self {
         let simulation = Simulation {
             server: server.running.mavlink_addr().unwrap(),
             bind: [127, 0, 0, 1].into(),
@@ -79,12 +79,12 @@ impl Field {
     }
 
     /// How a drone truly is.
-    pub fn truth(&self, id: u8) -> State {
+    pub(crate) fn truth(&self, id: u8) -> State {
         self.truth.lock().unwrap()[&id].clone()
     }
 
     /// Asks until the answer is as wanted.
-    pub async fn until(&self, path: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) async fn until(&self, path: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let start = Instant::now();
         loop {
             let answer = self.client.get(path).await;
@@ -101,7 +101,7 @@ impl Field {
     }
 
     /// Everybody up to `height` above the ground.
-    pub async fn take_off(&self, ids: &[u8], height: f64) {
+    pub(crate) async fn take_off(&self, ids: &[u8], height: f64) {
         for id in ids {
             let path = format!("/v1/drones/{id}");
             self.until(&path, |drone| drone["state"]["feed"] == "ready").await;
@@ -114,7 +114,7 @@ impl Field {
     }
 
     /// Switches the drones off.
-    pub async fn close(self) -> Summary {
+    pub(crate) async fn close(self) -> Summary {
         self.feed.abort();
         // It may have ended by itself.
         let _ = self.stop.send(());

@@ -1,12 +1,10 @@
 //! Archives that come in parts.
 
-mod support;
-
 use std::io::Write;
 
+use crate::support::{Answer, Client, Server, photo};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use support::{Answer, Client, Server, photo};
 
 const BYTES: (&str, &str) = ("Content-Type", "application/octet-stream");
 

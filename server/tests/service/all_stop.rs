@@ -1,9 +1,7 @@
 //! All stop while a group flies.
 
-mod support;
-
+use crate::support::{field, field::Field};
 use serde_json::json;
-use support::{field, field::Field};
 use volery_simulator::{DroneOptions, Flavor};
 
 /// Flights do not steer on those who were stopped.

@@ -1,7 +1,5 @@
 //! The service dies without a word, again and again; nothing that it answered is lost.
 
-mod support;
-
 use std::{
     collections::BTreeMap,
     net::SocketAddr,
@@ -10,8 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use crate::support::{Client, Folder, photo};
 use serde_json::Value;
-use support::{Client, Folder, photo};
 
 const DATA: &str = "VOLERY_TEST_DATA";
 /// A worker program other than the fake one, for tries by hand.
@@ -23,7 +21,7 @@ const KILLS: u32 = 12;
 async fn service_to_be_killed() {
     let Ok(data) = std::env::var(DATA) else { return };
     let data = Path::new(&data);
-    let mut config = support::config(data);
+    let mut config = crate::support::config(data);
     config.jobs.keep_work_folders = true;
     if let Some(program) = std::env::var_os(PROGRAM) {
         config.worker_program = program.into();

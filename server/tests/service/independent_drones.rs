@@ -4,8 +4,6 @@
 //! It needs `../shared/tools/drone_sim` and a Python with pymavlink; `./run test` installs the
 //! latter. `VOLERY_LONG=1` flies every combination.
 
-mod support;
-
 use std::{
     collections::BTreeMap,
     io::{BufRead, BufReader},
@@ -16,8 +14,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use crate::support::{Client, Server};
 use serde_json::{Value, json};
-use support::{Client, Server};
 use volery_geometry::Rng;
 use volery_server::MavlinkSettings;
 

@@ -1,0 +1,17 @@
+//! The service as its clients meet it: one program, since each would compile the server again.
+
+mod access;
+mod all_stop;
+mod audit;
+mod crash;
+mod drones;
+mod flights;
+mod independent_drones;
+mod jobs;
+mod leases;
+mod maps;
+mod parts;
+mod socket;
+mod support;
+mod targets;
+mod uploads;
