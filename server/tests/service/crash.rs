@@ -49,7 +49,7 @@ async fn start(data: &Path) -> (Service, Client) {
     // It may not be there yet.
     let _ = std::fs::remove_file(data.join("address"));
     let child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "service_to_be_killed", "--nocapture"])
+        .args(["--exact", "crash::service_to_be_killed", "--nocapture"])
         .env(DATA, data)
         .stdout(Stdio::null())
         .spawn()

@@ -195,13 +195,18 @@ async fn a_stream_that_tracks_keeps_its_worker() {
         say(&mut socket, open).await;
         streams.push(next(&mut socket).await["stream_id"].clone());
     }
-    // The first has frames without end; the second gets its turn after one of them.
+    // The first has frames without end; the second gets its turn after one of them. While the child
+    // starts, a newer frame may take the place of the first.
     for seq in 1..=3 {
         socket.send(tracking_frame(&streams[0], seq, seq * 10, "slow")).await.unwrap();
     }
     socket.send(tracking_frame(&streams[1], 1, 10, "slow")).await.unwrap();
-    let mut order = Vec::new();
-    while order.len() < 3 {
+    let mut order: Vec<Value> = Vec::new();
+    let last = [(&streams[0], json!(3)), (&streams[1], json!(1))];
+    while !last
+        .iter()
+        .all(|(id, seq)| order.iter().any(|m| m["stream_id"] == **id && m["seq"] == *seq))
+    {
         let message = next(&mut socket).await;
         match message["type"].as_str().unwrap() {
             "frame.tracked" => order.push(message),
@@ -220,7 +225,7 @@ async fn a_stream_that_tracks_keeps_its_worker() {
     }
     let own: Vec<_> = order.iter().filter(|m| m["stream_id"] == streams[0]).collect();
     let counts: Vec<_> = own.iter().map(|m| m["result"]["num_points"].clone()).collect();
-    assert_eq!(counts, [1, 2], "one child saw them all");
+    assert!(counts == [1] || counts == [1, 2], "one child saw them all: {counts:?}");
     let told = next(&mut listener).await;
     assert_eq!((&told["type"], &told["drone_id"]), (&json!("pose"), &json!("cf1")));
     assert_eq!(told["result"]["state"], "tracking");
