@@ -53,6 +53,8 @@ pub(super) type Pictures = watch::Receiver<Option<Picture>>;
 pub(super) struct Cameras {
     eye: Arc<Eye>,
     interval: Duration,
+    /// Pictures that may be drawn at the same time.
+    max_rendering: usize,
     views: Vec<View>,
     addresses: Vec<(u8, SocketAddr)>,
     tasks: Vec<JoinHandle<()>>,
@@ -110,7 +112,8 @@ impl Cameras {
             });
         }
         let eye = Arc::new(feed.eye);
-        Ok(Self { eye, interval: feed.interval, views, addresses, tasks, lines })
+        let max_rendering = std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
+        Ok(Self { eye, interval: feed.interval, max_rendering, views, addresses, tasks, lines })
     }
 
     /// Where pictures are served.
@@ -126,13 +129,21 @@ impl Cameras {
         std::iter::from_fn(|| self.lines.try_recv().ok()).collect()
     }
 
-    /// Takes the pictures that are due. A camera that is still at work is not disturbed.
+    /// Takes the pictures that are due, the longest due first. A camera that is still at work is not
+    /// disturbed, and no more of them work than leave room for those who look at the pictures: one
+    /// that waits for its turn takes its picture later, one that is drawn beside many sends it late.
     pub(super) fn look(&mut self, world: &World, now: Duration) {
-        for (view, drone) in self.views.iter_mut().zip(&world.drones) {
-            let is_busy = view.rendering.as_ref().is_some_and(|task| !task.is_finished());
-            if now < view.next || is_busy {
-                continue;
-            }
+        let is_busy = |view: &View| view.rendering.as_ref().is_some_and(|task| !task.is_finished());
+        let room =
+            self.max_rendering.saturating_sub(self.views.iter().filter(|v| is_busy(v)).count());
+        let mut due: Vec<_> = self
+            .views
+            .iter_mut()
+            .zip(&world.drones)
+            .filter(|(view, _)| view.next <= now && !is_busy(view))
+            .collect();
+        due.sort_by_key(|(view, _)| view.next);
+        for (view, drone) in due.into_iter().take(room) {
             view.next = (view.next + self.interval).max(now);
             view.num_taken += 1;
             let fault = view.faults.iter().find_map(|fault| match fault.kind {

@@ -19,6 +19,7 @@ import { effect } from '@preact/signals';
 import { cssColor, theme } from '../state/theme';
 import { axes, grid } from './furniture';
 import { useMapFrame } from './frames';
+import { Pace } from './pace';
 
 useMapFrame();
 
@@ -52,13 +53,17 @@ export class MapScene {
   private readonly clicks: ClickListener[] = [];
   private readonly drawn = new Set<() => void>();
   private readonly endings: (() => void)[] = [];
+  private readonly pace: Pace;
   private frame = 0;
   private lastTime = 0;
+  /** Whether the view is being turned by hand. */
+  private held = false;
   private pressed: { x: number; y: number } | null = null;
 
   constructor(readonly host: HTMLElement) {
     this.renderer = new WebGLRenderer({ antialias: true, powerPreference: 'low-power' });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.pace = new Pace(this.renderer.getContext() as WebGL2RenderingContext);
     const canvas = this.renderer.domElement;
     canvas.tabIndex = 0;
     canvas.setAttribute('role', 'img');
@@ -74,6 +79,8 @@ export class MapScene {
     this.controls.listenToKeyEvents(canvas);
     this.controls.keyPanSpeed = 20;
     this.controls.addEventListener('change', this.invalidate);
+    this.controls.addEventListener('start', () => (this.held = true));
+    this.controls.addEventListener('end', () => (this.held = false));
 
     const size = new ResizeObserver(() => this.resize());
     size.observe(host);
@@ -221,12 +228,19 @@ export class MapScene {
 
   private readonly draw = (time: number): void => {
     this.frame = 0;
+    // What is watched may lag a little; what is moved may not.
+    const isMoved = this.held || this.animations.size > 0;
+    if (!this.pace.ready(time) && !isMoved) {
+      this.invalidate();
+      return;
+    }
     const seconds = this.lastTime > 0 ? Math.min((time - this.lastTime) / 1000, 0.1) : 0;
     this.lastTime = this.animations.size > 0 ? time : 0;
     for (const step of [...this.animations]) {
       if (!step(seconds)) this.animations.delete(step);
     }
     this.renderer.render(this.scene, this.camera);
+    this.pace.drawn(time);
     for (const call of this.drawn) call();
     if (this.animations.size > 0) this.invalidate();
   };
