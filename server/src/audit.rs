@@ -84,14 +84,18 @@ pub(crate) async fn note(
     response
 }
 
-/// Writes entries until the service closes down.
+/// Writes entries until the service closes down, those that wait then, too.
 pub(crate) async fn write_down(app: Arc<App>, mut entries: Receiver<NewAuditEntry>) {
     let mut batch = Vec::with_capacity(BATCH);
     loop {
         tokio::select! {
             biased;
-            _ = entries.recv_many(&mut batch, BATCH) => {}
-            () = app.closing.cancelled() => return,
+            count = entries.recv_many(&mut batch, BATCH) => if count == 0 { return },
+            () = app.closing.cancelled(), if !entries.is_closed() => {
+                // What comes from now on counts as lost.
+                entries.close();
+                continue;
+            }
         }
         if let Err(error) = app.store.insert_audit(&batch).await {
             add(&app.metrics.audit_lost, batch.len() as u64);
