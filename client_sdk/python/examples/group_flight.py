@@ -8,7 +8,7 @@ import sys
 from volery import Client
 
 drones = [int(word) for word in sys.argv[1:4]]
-corners = [(-1.5, -1.5, 1.0), (1.5, 0.0, 1.0), (-1.5, 1.5, 1.0)]
+corners = [(-1.5, -1.7, 1.0), (1.5, 0.0, 1.0), (-1.5, 1.7, 1.0)]
 
 with Client() as client, client.lease(drones) as group:
     group.fly(dict(zip(drones, corners)))

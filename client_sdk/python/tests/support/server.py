@@ -21,6 +21,16 @@ from volery.types import DronePose
 
 T = TypeVar("T")
 
+#: Parameters of both autopilots that let drones land as fast as they climb, meters (or
+#: centimeters) per second, and end there: tests wait for it.
+QUICK_LANDING = {
+    "WPNAV_SPEED_DN": 100,
+    "LAND_SPEED": 100,
+    "MPC_Z_VEL_MAX_DN": 1.0,
+    "MPC_LAND_SPEED": 1.0,
+    "COM_DISARM_LAND": 0.2,
+}
+
 REPOSITORY = Path(__file__).resolve().parents[4]
 #: The server's program.
 PROGRAM = Path(os.environ.get("VOLERY_BIN", REPOSITORY / "target" / "release" / "volery")).resolve()
@@ -92,6 +102,8 @@ class Field:
         arguments = ["simulate", "--room", "open", "--flavor", "mixed", "--mavlink", server.mavlink]
         arguments += ["--drones", str(count), "--system-id", str(first), "--start", start]
         arguments += ["--spacing", "0,1.7,0", "--report", "20"]
+        for name, value in QUICK_LANDING.items():
+            arguments += ["--parameter", f"{name}={value}"]
         self.ids = list(range(first, first + count))
         self.truth: Dict[int, Any] = {}
         self._ended = threading.Event()
