@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
 use crate::telemetry::Telemetry;
 
+mod beside;
 mod gate;
 
 pub use gate::PoseGate;
@@ -66,10 +67,10 @@ pub enum PoseRefusal {
     #[error("the pose is not finite")]
     NotFinite,
     /// The image is too old.
-    #[error("the pose is {0:?} old")]
+    #[error("the pose is {} ms old", .0.as_millis())]
     Stale(Duration),
     /// The image was taken later than now.
-    #[error("the pose is {0:?} ahead of time")]
+    #[error("the pose is {} ms ahead of time", .0.as_millis())]
     Future(Duration),
     /// Not later than the pose before, or too soon after it.
     #[error("the pose is not newer than the one before")]

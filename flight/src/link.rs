@@ -10,7 +10,10 @@ use crate::{VehicleId, message, message::CommandLong, telemetry};
 pub(crate) const STALE_AFTER: Duration = Duration::from_secs(3);
 /// See [`STALE_AFTER`].
 pub(crate) const LOST_AFTER: Duration = Duration::from_secs(5);
-/// Between heartbeats and time questions of ours.
+/// Between heartbeats of ours: a vehicle that waits two seconds for one must not land because a bad
+/// link has lost some.
+const BEAT: Duration = Duration::from_millis(250);
+/// Between time questions of ours.
 const SECOND: Duration = Duration::from_secs(1);
 /// Over which rates are measured.
 const RATE_WINDOW: Duration = Duration::from_secs(2);
@@ -20,6 +23,9 @@ const REQUEST_SPACING: Duration = Duration::from_millis(50);
 const REBOOT_STEP: Duration = Duration::from_secs(1);
 /// A longer way of a message is an error of its stamp.
 const MAX_DELAY: Duration = Duration::from_millis(500);
+/// Part of the rate asked for that is enough: more than half, which is all that comes of a message that
+/// is sent at half the rate without being asked.
+const ENOUGH: f64 = 0.7;
 /// Requests of a message that never comes, before they become rare.
 const EAGER_REQUESTS: u32 = 5;
 
@@ -30,7 +36,7 @@ const STREAMS: [(u32, u64); 9] = [
     (245, 500),  // EXTENDED_SYS_STATE
     (193, 500),  // EKF_STATUS_REPORT, ArduPilot
     (230, 500),  // ESTIMATOR_STATUS, PX4
-    (0, 500),    // HEARTBEAT
+    (0, 250),    // HEARTBEAT
     (1, 1000),   // SYS_STATUS
     (147, 2000), // BATTERY_STATUS
     (85, 500),   // POSITION_TARGET_LOCAL_NED
@@ -81,6 +87,7 @@ pub struct Link {
     streams: HashMap<u32, Stream>,
     next_request: Duration,
     next_second: Duration,
+    next_beat: Duration,
     has_version: bool,
     has_origin: bool,
     uptime: Option<Duration>,
@@ -103,6 +110,7 @@ impl Link {
             streams: HashMap::new(),
             next_request: now,
             next_second: now,
+            next_beat: now,
             has_version: false,
             has_origin: false,
             uptime: None,
@@ -203,9 +211,12 @@ impl Link {
     /// What to send at `now`.
     pub fn poll(&mut self, id: VehicleId, wants_origin: bool, now: Duration) -> Vec<MavMessage> {
         let mut out = Vec::new();
+        if now >= self.next_beat {
+            self.next_beat = now + BEAT;
+            out.push(message::heartbeat());
+        }
         if now >= self.next_second {
             self.next_second = now + SECOND;
-            out.push(message::heartbeat());
             self.asked = Some(nanoseconds(now));
             out.push(message::time_sync(id, 0, nanoseconds(now)));
             if !self.has_version {
@@ -225,7 +236,7 @@ impl Link {
         out
     }
 
-    /// A message that comes at less than half its rate and was not asked for lately.
+    /// A message that comes at too low a rate and was not asked for lately.
     fn slow_stream(&mut self, now: Duration) -> Option<(u32, Duration)> {
         STREAMS.into_iter().find_map(|(id, interval_ms)| {
             let stream = self.streams.entry(id).or_default();
@@ -241,7 +252,7 @@ impl Link {
                 return None;
             }
             let expected = window.div_duration_f64(interval);
-            let slow = !asked_before || f64::from(stream.count) < expected / 2.0;
+            let slow = !asked_before || f64::from(stream.count) < expected * ENOUGH;
             stream.count = 0;
             stream.window_start = now;
             stream.requests += u32::from(slow);
@@ -282,3 +293,6 @@ impl Link {
 fn nanoseconds(time: Duration) -> i64 {
     i64::try_from(time.as_nanos()).unwrap_or(i64::MAX)
 }
+
+#[cfg(test)]
+mod tests;

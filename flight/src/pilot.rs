@@ -294,7 +294,8 @@ impl Pilot {
             Some((CommandStep::Send { confirmation }, command)) => {
                 out.push(command.message(flown.id, confirmation));
             }
-            Some((CommandStep::GiveUp, _)) if urgent => {
+            // What may be said again is said until its time is over.
+            Some((CommandStep::GiveUp, _)) if persistence != Persistence::Once => {
                 task.pending = None;
                 task.retry_at = Some(now);
             }

@@ -165,8 +165,10 @@ impl Goal {
                 telemetry.landed == Landed::Air
                     || motion.is_some_and(|m| m.position.z > from + LIFTED)
             }
+            // What it says of the ground comes rarely, and decides what it may be told next.
             Self::Height { z } => {
-                motion.is_some_and(|m| (m.position.z - z).abs() < HEIGHT_TOLERANCE)
+                telemetry.is_flying()
+                    && motion.is_some_and(|m| (m.position.z - z).abs() < HEIGHT_TOLERANCE)
             }
             Self::Place { position, tolerance } => motion.is_some_and(|m| {
                 (m.position - position).norm() < tolerance && m.velocity.norm() < STANDING

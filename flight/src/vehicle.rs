@@ -197,7 +197,8 @@ impl Vehicle {
             return (Err(PoseRefusal::NotFed), None);
         }
         let resets = self.feed.gate().reset_counter();
-        match self.feed.gate().check(fix, &self.telemetry, max_age, now) {
+        let way = self.link.round_trip().unwrap_or_default() / 2;
+        match self.feed.gate().check(fix, &self.telemetry, max_age, way, now) {
             Ok(reset_counter) => {
                 self.refusing_poses = false;
                 let relocated =

@@ -36,7 +36,7 @@ const ARDUPILOT: &[(&str, Kind, f64)] = &[
     ("COMPASS_ENABLE", Int, 0.0),
     ("FS_THR_ENABLE", Int, 0.0),
     ("FS_GCS_ENABLE", Int, 5.0),
-    ("FS_GCS_TIMEOUT", Real, 5.0),
+    ("FS_GCS_TIMEOUT", Real, 2.0),
     ("FS_EKF_ACTION", Int, 1.0),
     ("DISARM_DELAY", Int, 10.0),
     ("WPNAV_SPEED", Real, 100.0),

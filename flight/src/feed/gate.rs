@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{FAILED_AFTER, PoseFix, PoseRefusal};
+use super::{
+    FAILED_AFTER, PoseFix, PoseRefusal,
+    beside::{Beside, Sighting},
+};
 use crate::{
     frames::{map_yaw, wrap},
     telemetry::Telemetry,
@@ -20,9 +23,6 @@ const MAX_COORDINATE: f64 = 10_000.0;
 const SIGMAS: f64 = 5.0;
 /// Floor of the standard deviations that callers state: meters and radians.
 const MIN_SD: (f64, f64) = (0.01, 0.01);
-/// How quickly an estimator without poses strays, meters per second: it goes on by the sensors that
-/// feel its motion.
-const STRAY: f64 = 0.1;
 /// How wrong the vehicle's own motion may be where less is known: meters per second and radians per
 /// second.
 const DRIFT: (f64, f64) = (0.3, 0.3);
@@ -35,18 +35,16 @@ const YAW_SLACK: f64 = 0.2;
 const MAX_SPEED: f64 = 2.0;
 /// Furthest that a pose may lie from where the vehicle's estimator is, meters.
 const MAX_FROM_ESTIMATE: f64 = 0.5;
-/// Delay between a motion and our knowledge of it, seconds: for the distance above, and what the
-/// clocks leave of it.
+/// Delay between a motion and our knowledge of it, for the distance above, seconds.
 const TELEMETRY_DELAY: f64 = 0.4;
-const CLOCK_ERROR: f64 = 0.1;
 /// Time in which an estimator comes over to a new place.
 const SETTLING: Duration = Duration::from_millis(1000);
-/// Poses over which the place of the estimator beside the poses is averaged.
-const AVERAGED: u32 = 10;
 /// Largest tilt of a vehicle that flies as it should, radians.
 const MAX_TILT: f64 = 1.0;
 /// Poses that must agree with each other before a new place is believed.
 const AGREEING: u32 = 3;
+/// Refused poses that agree with each other, from which on what follows them is refused as well.
+const SURE: u32 = 8;
 /// Furthest new place that is believed in flight, meters; no new place is once the vehicle lands.
 const MAX_RELOCATION: f64 = 0.7;
 
@@ -75,21 +73,15 @@ struct Anchor {
     /// Where it believed to be, and how it moved.
     estimate: Option<(Point3<f64>, Vector3<f64>)>,
     yaw: Option<f64>,
-}
-
-/// Means over the latest poses in which the vehicle said where it is.
-#[derive(Debug, Clone, Copy)]
-struct Beside {
-    /// Pose less estimate.
-    offset: Vector3<f64>,
-    velocity: Vector3<f64>,
-    number: u32,
+    /// From the image until the vehicle has the pose, seconds.
+    delay: f64,
 }
 
 impl PoseGate {
     /// Whether `fix` may leave at `now`. Returns the reset counter to send with it.
     ///
     /// * `max_age`: from capture to now.
+    /// * `way`: time that the pose then takes to the vehicle.
     ///
     /// # Errors
     ///
@@ -99,10 +91,11 @@ impl PoseGate {
         fix: PoseFix,
         telemetry: &Telemetry,
         max_age: Duration,
+        way: Duration,
         now: Duration,
     ) -> Result<u8, PoseRefusal> {
         check_alone(&fix, max_age, now)?;
-        let anchor = Anchor::new(fix, telemetry, now);
+        let anchor = Anchor::new(fix, telemetry, way, now);
         let Some(before) = self.accepted else {
             // A first pose has only the estimator to compare with, if it knows its place.
             anchor.check_estimate(telemetry)?;
@@ -168,18 +161,21 @@ impl PoseGate {
     }
 
     fn accept(&mut self, anchor: Anchor) {
+        let gap = self.gap(&anchor);
         self.elsewhere = None;
         self.accepted = Some(anchor);
-        if self.is_settling(&anchor) {
-            return;
+        if !self.is_settling(&anchor)
+            && let Some(seen) = anchor.beside()
+        {
+            let known = self.beside.map(|beside| beside.after(gap).with(&seen));
+            self.beside = Some(known.unwrap_or_else(|| Beside::new(&seen)));
         }
-        let Some((estimate, velocity)) = anchor.estimate else { return };
-        let offset = anchor.position() - estimate.coords;
-        let beside = self.beside.get_or_insert(Beside { offset, velocity, number: 0 });
-        beside.number = AVERAGED.min(beside.number + 1);
-        let weight = 1.0 / f64::from(beside.number);
-        beside.offset += (offset - beside.offset) * weight;
-        beside.velocity += (velocity - beside.velocity) * weight;
+    }
+
+    /// Since the latest pose, seconds: those that come elsewhere do not get truer by coming longer.
+    fn gap(&self, anchor: &Anchor) -> f64 {
+        let elsewhere = self.elsewhere.as_ref().map(|(last, _)| last);
+        elsewhere.or(self.accepted.as_ref()).map_or(0.0, |last| anchor.seconds_since(last))
     }
 
     /// Whether a pose is where the vehicle can be.
@@ -194,35 +190,33 @@ impl PoseGate {
         if self.is_settling(anchor) {
             return Anchor { estimate: None, ..*anchor }.check_way(before);
         }
-        let (Some(beside), Some((estimate, velocity)), true) =
-            (&self.beside, anchor.estimate, telemetry.is_flying())
-        else {
-            return anchor.check_way(before);
-        };
-        let offset = anchor.position() - estimate.coords;
-        let distance = (offset - beside.offset).norm();
-        let sd = anchor.fix.position_sd.max(MIN_SD.0).max(before.fix.position_sd);
-        let noise = SIGMAS * sd * (1.0 + 1.0 / f64::from(beside.number)).sqrt();
-        // Only while no poses come: those that come elsewhere do not get truer by coming longer.
-        let latest = self.elsewhere.as_ref().map_or(before, |(last, _)| last);
-        let stray = STRAY * anchor.seconds_since(latest);
-        let delay = CLOCK_ERROR * (velocity - beside.velocity).norm();
-        // What is forgiven to the estimator is not forgiven to poses that go on from refused ones.
-        let goes_on = self.elsewhere.as_ref().is_some_and(|(last, _)| {
-            last.estimate.is_some_and(|(there, _)| {
-                (offset - (last.position() - there.coords)).norm() < distance
-            })
-        });
-        let forgiven = if goes_on { 0.0 } else { (stray + delay).min(MAX_DRIFT) };
-        if distance > noise + forgiven {
-            return Err(PoseRefusal::Jump(distance));
+        let flying = telemetry.is_flying();
+        match (self.beside, anchor.beside()) {
+            (Some(beside), Some(seen)) if flying => {
+                let (distance, sigmas) = beside.after(self.gap(anchor)).distance(&seen);
+                if sigmas > SIGMAS {
+                    return Err(PoseRefusal::Jump(distance));
+                }
+            }
+            _ => anchor.check_way(before)?,
+        }
+        if flying && self.goes_on_elsewhere(anchor) {
+            return Err(PoseRefusal::Jump((anchor.position() - before.position()).norm()));
         }
         Ok(())
+    }
+
+    /// Whether a pose goes on from a place that was refused again and again. A vehicle that gets no
+    /// poses strays, and may come to where the false ones are.
+    fn goes_on_elsewhere(&self, anchor: &Anchor) -> bool {
+        self.elsewhere
+            .as_ref()
+            .is_some_and(|(last, number)| *number >= SURE && anchor.check_motion(last).is_ok())
     }
 }
 
 impl Anchor {
-    fn new(fix: PoseFix, telemetry: &Telemetry, now: Duration) -> Self {
+    fn new(fix: PoseFix, telemetry: &Telemetry, way: Duration, now: Duration) -> Self {
         let fresh = |at: Duration| now.saturating_sub(at) <= TELEMETRY_AGE;
         let motion = telemetry.motion.filter(|motion| fresh(motion.at));
         let estimate = motion.map(|motion| {
@@ -231,7 +225,18 @@ impl Anchor {
             (motion.position + motion.velocity * ahead, motion.velocity)
         });
         let yaw = telemetry.yaw.filter(|&(_, at)| fresh(at)).map(|(yaw, _)| yaw);
-        Self { fix, estimate, yaw }
+        let delay = (now.saturating_sub(fix.captured) + way).as_secs_f64();
+        Self { fix, estimate, yaw, delay }
+    }
+
+    /// What it says of the estimator, if that said where it is.
+    fn beside(&self) -> Option<Sighting> {
+        self.estimate.map(|(estimate, velocity)| Sighting {
+            offset: self.position() - estimate.coords,
+            velocity,
+            sd: self.fix.position_sd.max(MIN_SD.0),
+            delay: self.delay,
+        })
     }
 
     fn position(&self) -> Vector3<f64> {

@@ -87,7 +87,7 @@ const ARDUPILOT: &[Rule] = &[
     needed(&["COMPASS_ENABLE"], OneOf(&[0.0]), NO_COMPASS),
     needed(&["FS_THR_ENABLE"], OneOf(&[0.0]), "there is no remote control whose loss could count"),
     needed(&["FS_GCS_ENABLE"], OneOf(&[5.0]), GCS_LOST),
-    needed(&["FS_GCS_TIMEOUT"], Between(2.0, 5.0), GCS_LOST),
+    needed(&["FS_GCS_TIMEOUT"], Between(2.0, 3.0), GCS_LOST),
     needed(&["FS_EKF_ACTION"], OneOf(&[1.0]), "without poses it has to land by itself"),
     needed(&["DISARM_DELAY"], Between(5.0, 30.0), "the time from arming to take-off"),
     needed(&["WPNAV_SPEED"], Between(20.0, 100.0), SLOW),

@@ -88,7 +88,7 @@ impl Rig {
     fn step(&mut self) {
         self.now += 10 * MS;
         let tick = self.now.as_millis() / 10;
-        if self.heartbeat && tick.is_multiple_of(100) {
+        if self.heartbeat && tick.is_multiple_of(25) {
             self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA {
                 mavtype: MavType::MAV_TYPE_GCS,
                 autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,

@@ -5,6 +5,7 @@ use super::*;
 use crate::telemetry::{Landed, Motion};
 
 const MAX_AGE: Duration = Duration::from_millis(100);
+const WAY: Duration = Duration::ZERO;
 
 fn at(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
@@ -41,7 +42,7 @@ fn gate_in_flight() -> PoseGate {
     let mut gate = PoseGate::default();
     for step in 0..=20_u32 {
         let time = 9.0 + 0.05 * f64::from(step);
-        gate.check(fix(time - 9.0, time), &flying(time - 9.0, 1.0, time), MAX_AGE, at(time))
+        gate.check(fix(time - 9.0, time), &flying(time - 9.0, 1.0, time), MAX_AGE, WAY, at(time))
             .unwrap();
     }
     gate
@@ -54,19 +55,19 @@ fn what_is_not_finite_or_not_now_never_passes() {
         for axis in 0..3 {
             let mut fix = fix(0.0, 1.0);
             fix.map_from_body.translation.vector[axis] = bad;
-            let refusal = PoseGate::default().check(fix, &telemetry, MAX_AGE, at(1.0));
+            let refusal = PoseGate::default().check(fix, &telemetry, MAX_AGE, WAY, at(1.0));
             assert_eq!(refusal, Err(PoseRefusal::NotFinite));
         }
         let turned = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(bad, 0.0, 0.0, 0.0));
         let mut fix = fix(0.0, 1.0);
         fix.map_from_body.rotation = turned;
-        let refusal = PoseGate::default().check(fix, &telemetry, MAX_AGE, at(1.0));
+        let refusal = PoseGate::default().check(fix, &telemetry, MAX_AGE, WAY, at(1.0));
         assert_eq!(refusal, Err(PoseRefusal::NotFinite));
     }
     let mut gate = PoseGate::default();
-    let stale = gate.check(fix(0.0, 1.0), &telemetry, MAX_AGE, at(1.2));
+    let stale = gate.check(fix(0.0, 1.0), &telemetry, MAX_AGE, WAY, at(1.2));
     assert_eq!(stale, Err(PoseRefusal::Stale(Duration::from_millis(200))));
-    let early = gate.check(fix(0.0, 1.1), &telemetry, MAX_AGE, at(1.0));
+    let early = gate.check(fix(0.0, 1.1), &telemetry, MAX_AGE, WAY, at(1.0));
     assert_eq!(early, Err(PoseRefusal::Future(Duration::from_millis(100))));
 }
 
@@ -75,7 +76,7 @@ fn no_pose_passes_twice() {
     let mut gate = gate_in_flight();
     let telemetry = flying(1.0, 1.0, 10.0);
     for captured in [10.0, 9.95, 10.01] {
-        let again = gate.check(fix(1.0, captured), &telemetry, MAX_AGE, at(10.02));
+        let again = gate.check(fix(1.0, captured), &telemetry, MAX_AGE, WAY, at(10.02));
         assert_eq!(again, Err(PoseRefusal::NotNewer));
     }
 }
@@ -93,7 +94,7 @@ fn a_jump_in_flight_never_passes() {
             let mut wrong = fix(time - 9.0, time);
             wrong.map_from_body.translation.vector += step;
             let telemetry = flying(time - 9.0, 1.0, time);
-            let refusal = gate.check(wrong, &telemetry, MAX_AGE, at(time));
+            let refusal = gate.check(wrong, &telemetry, MAX_AGE, WAY, at(time));
             assert!(matches!(refusal, Err(PoseRefusal::Jump(_))), "{step:?} at {time}");
         }
     }
@@ -114,7 +115,7 @@ fn a_new_place_in_flight_must_be_announced() {
             elsewhere.map_from_body.translation.vector.y += step;
             elsewhere.resets = u32::from(announced);
             let telemetry = flying(time - 9.0, 1.0, time);
-            passed.extend(gate.check(elsewhere, &telemetry, MAX_AGE, at(time)).ok());
+            passed.extend(gate.check(elsewhere, &telemetry, MAX_AGE, WAY, at(time)).ok());
             assert_eq!(gate.is_relocating(at(time)), announced, "frame {frame}");
             if !passed.is_empty() {
                 assert!(!gate.is_relocating(at(time + 1.0)));
@@ -132,7 +133,7 @@ fn after_an_outage_a_pose_nearby_passes() {
         let mut gate = gate_in_flight();
         let mut late = fix(2.0, 11.0);
         late.map_from_body.translation.vector.y += stray;
-        let checked = gate.check(late, &flying(2.0, 1.0, 11.0), MAX_AGE, at(11.0));
+        let checked = gate.check(late, &flying(2.0, 1.0, 11.0), MAX_AGE, WAY, at(11.0));
         assert_eq!(checked.is_ok(), passes, "{stray}: {checked:?}");
     }
 }
@@ -141,9 +142,9 @@ fn after_an_outage_a_pose_nearby_passes() {
 fn one_wrong_pose_does_not_end_the_flight() {
     let mut gate = gate_in_flight();
     let telemetry = flying(1.05, 1.0, 10.05);
-    assert!(gate.check(fix(5.0, 10.05), &telemetry, MAX_AGE, at(10.05)).is_err());
+    assert!(gate.check(fix(5.0, 10.05), &telemetry, MAX_AGE, WAY, at(10.05)).is_err());
     let telemetry = flying(1.10, 1.0, 10.10);
-    assert_eq!(gate.check(fix(1.1, 10.10), &telemetry, MAX_AGE, at(10.10)), Ok(0));
+    assert_eq!(gate.check(fix(1.1, 10.10), &telemetry, MAX_AGE, WAY, at(10.10)), Ok(0));
 }
 
 #[test]
@@ -152,10 +153,10 @@ fn a_turned_or_toppled_pose_does_not_pass() {
     let telemetry = flying(1.05, 1.0, 10.05);
     let mut turned = fix(1.05, 10.05);
     turned.map_from_body.rotation = UnitQuaternion::from_euler_angles(0.0, 0.0, 3.1);
-    let refusal = gate.check(turned, &telemetry, MAX_AGE, at(10.05));
+    let refusal = gate.check(turned, &telemetry, MAX_AGE, WAY, at(10.05));
     assert!(matches!(refusal, Err(PoseRefusal::Turn(_))));
     turned.map_from_body.rotation = UnitQuaternion::from_euler_angles(1.5, 0.0, 0.0);
-    let refusal = gate.check(turned, &telemetry, MAX_AGE, at(10.05));
+    let refusal = gate.check(turned, &telemetry, MAX_AGE, WAY, at(10.05));
     assert!(matches!(refusal, Err(PoseRefusal::Tilted(_))));
 }
 
@@ -165,7 +166,8 @@ fn a_turned_or_toppled_pose_does_not_pass() {
 fn on_the_ground_a_new_place_needs_three_witnesses() {
     let telemetry = Telemetry::default();
     let mut gate = PoseGate::default();
-    let mut check = |x: f64, time: f64| gate.check(fix(x, time), &telemetry, MAX_AGE, at(time));
+    let mut check =
+        |x: f64, time: f64| gate.check(fix(x, time), &telemetry, MAX_AGE, WAY, at(time));
     assert_eq!(check(0.0, 1.0), Ok(0));
     assert!(check(9.0, 1.05).is_err());
     assert!(check(5.0, 1.10).is_err());
@@ -179,8 +181,8 @@ fn on_the_ground_a_new_place_needs_three_witnesses() {
 #[test]
 fn a_first_pose_in_flight_must_be_where_the_estimator_is() {
     let telemetry = flying(0.0, 0.0, 1.0);
-    let far = PoseGate::default().check(fix(3.0, 1.0), &telemetry, MAX_AGE, at(1.0));
+    let far = PoseGate::default().check(fix(3.0, 1.0), &telemetry, MAX_AGE, WAY, at(1.0));
     assert!(matches!(far, Err(PoseRefusal::Jump(_))));
-    let near = PoseGate::default().check(fix(0.1, 1.0), &telemetry, MAX_AGE, at(1.0));
+    let near = PoseGate::default().check(fix(0.1, 1.0), &telemetry, MAX_AGE, WAY, at(1.0));
     assert_eq!(near, Ok(0));
 }
