@@ -13,7 +13,7 @@ const BROWSER = process.env.CHROMIUM ?? '/usr/bin/chromium';
 const ARGS = [
   '--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
   '--disable-component-update', '--disable-sync', '--use-angle=swiftshader',
-  '--enable-unsafe-swiftshader',
+  '--enable-unsafe-swiftshader', '--disable-gpu-compositing',
   // A page that does not come from the server may open its socket all the same: see `openPage`.
   '--disable-features=LocalNetworkAccessChecks',
 ];
@@ -128,8 +128,8 @@ const shots = process.env.VOLERY_SHOTS;
 
 /** Looks at a view in both themes: a picture of each, and what axe finds serious. */
 export async function inspect(page, name) {
-  const axe = await readFile(require.resolve('axe-core/axe.min.js'), 'utf8');
   const serious = [];
+  await bringAxe(page);
   for (const theme of ['light', 'dark']) {
     await page.emulateMedia({ colorScheme: theme });
     await page.waitForFunction((theme) => document.documentElement.dataset.theme === theme, theme);
@@ -137,11 +137,9 @@ export async function inspect(page, name) {
       await mkdir(shots, { recursive: true });
       await page.screenshot({ path: path.join(shots, `${name}-${theme}.png`) });
     }
-    // Past the content policy of the page, which lets no script in.
-    const session = await page.context().newCDPSession(page);
-    await session.send('Runtime.evaluate', { expression: axe });
-    await session.detach();
-    const { violations } = await page.evaluate(() => window.axe.run());
+    // Themes differ by colors alone.
+    const options = theme === 'light' ? {} : { runOnly: ['color-contrast'] };
+    const { violations } = await page.evaluate((options) => window.axe.run({ resultTypes: ['violations'], ...options }), options);
     for (const { id, impact, nodes } of violations) {
       if (impact !== 'serious' && impact !== 'critical') continue;
       serious.push(`${name}, ${theme}: ${id} at ${nodes.map(({ target }) => target).join(', ')}`);
@@ -151,7 +149,20 @@ export async function inspect(page, name) {
   return serious;
 }
 
-/** Clicks from the middle of the scene, or from `beside` pixels right of it, outwards until `seen`. */
+const axe = readFile(require.resolve('axe-core/axe.min.js'), 'utf8');
+
+/** Once for each document, past the content policy of the page, which lets no script in. */
+async function bringAxe(page) {
+  if (await page.evaluate(() => 'axe' in window)) return;
+  const session = await page.context().newCDPSession(page);
+  await session.send('Runtime.evaluate', { expression: await axe });
+  await session.detach();
+}
+
+/**
+ * Clicks from the middle of the scene, or from `beside` pixels right of it, outwards until `seen`; again
+ * where a scene was not drawn in time.
+ */
 export async function clickAround(page, seen, step = 28, beside = 0) {
   const { x, y, width, height } = await page.locator('.scene canvas').boundingBox();
   const places = [];
@@ -159,9 +170,11 @@ export async function clickAround(page, seen, step = 28, beside = 0) {
     for (let k = -8; k <= 8; k++) places.push([i * step, k * step]);
   }
   places.sort(([a, b], [c, d]) => Math.hypot(a, b) - Math.hypot(c, d));
-  for (const [dx, dy] of places) {
-    if (Math.abs(dx + beside) > width / 2 - 10 || Math.abs(dy) > height / 2 - 70) continue;
+  const inside = places.filter(([dx, dy]) => Math.abs(dx + beside) < width / 2 - 10 && Math.abs(dy) < height / 2 - 70);
+  for (const [dx, dy] of [...inside, ...inside]) {
     await page.mouse.click(x + width / 2 + beside + dx, y + height / 2 + dy);
+    // The page answers with its next picture.
+    await page.evaluate(() => new Promise(requestAnimationFrame));
     if (await seen()) return;
   }
   assert.fail('nothing was hit');
