@@ -94,7 +94,17 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   assert.equal((await stateOf(1)).armed, false, 'a plan moves nobody');
   serious.push(...await inspect(page, 'fly-planned'));
   await page.getByRole('button', { name: 'Fly', exact: true }).click();
+  // Meanwhile poses of the other one that cannot be are told in one line, which goes with them.
+  const alerts = page.getByRole('alert', { name: 'Alerts' });
+  const elsewhere = { position: [center[0], center[1], floor + 9], orientation: [1, 0, 0, 0], age_ms: 20, position_sd: 0.02, angle_sd: 0.02 };
+  await until(async () => {
+    await station.api('POST', '/v1/drones/2/pose', elsewhere).catch(() => {});
+    return alerts.getByText(/[2-9] times/).isVisible();
+  });
+  assert.equal(await alerts.getByText('pose_refused').count(), 1);
+  serious.push(...await inspect(page, 'fly-alert'));
   await page.getByText('Arrived').waitFor();
+  await alerts.waitFor({ state: 'detached' });
   const [px, py] = (await stateOf(1)).estimate.position;
   assert.ok(Math.hypot(px - place[0], py - place[1]) < 0.3, `arrived at ${px}, ${py}`);
   serious.push(...await inspect(page, 'fly-arrived'));
@@ -154,6 +164,14 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   // What came of it stays until it is closed.
   await report.getByRole('button', { name: 'Close' }).click();
   await report.waitFor({ state: 'detached' });
+
+  // Without the fence, flights keep to the map again.
+  await tab('Fence');
+  await page.getByRole('button', { name: 'Delete the fence' }).click();
+  serious.push(...await inspect(page, 'fly-fence-delete'));
+  await page.getByRole('dialog').getByRole('button', { name: 'Delete', exact: true }).click();
+  await page.getByText('Without a fence').waitFor();
+  assert.deepEqual(await station.api('GET', '/v1/geofences'), []);
 
   // On a tablet.
   await page.setViewportSize({ width: 1024, height: 768 });

@@ -1,7 +1,7 @@
 // From photos to a map that photos are found in, as a person does it in a browser.
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
-import { clickAround, dropFiles, inspect, openPage, startBrowser, startServer } from './harness.js';
+import { clickAround, dropFiles, inspect, openPage, startBrowser, startServer, until } from './harness.js';
 import { CAMERA, photographRoom } from './room.js';
 
 let server, browser, page, complaints, photos;
@@ -92,6 +92,31 @@ test('a job is started and watched to its end', async () => {
   await page.goto('/jobs');
   await page.getByText('succeeded').waitFor();
   await accessible('jobs');
+});
+
+test('a job that runs tells its time, and one that runs again what it found finished', async () => {
+  const set = await server.api('POST', '/v1/imagesets', { name: 'strangers' });
+  const form = new FormData();
+  for (const [name, bytes] of [['room.png', photos[0].bytes], ['page.png', await page.screenshot()]]) {
+    form.append('file', new Blob([bytes], { type: 'image/png' }), name);
+  }
+  await server.api('POST', `/v1/imagesets/${set.id}/images`, form, null);
+  const job = await server.api('POST', '/v1/jobs', { kind: 'reconstruct', imageset_ids: [set.id], preset: 'fast' });
+  await page.goto(`/jobs/${job.id}`);
+  await button('Run again').click();
+  await page.getByText('2 found finished').first().waitFor();
+  await button('Run again').waitFor();
+  // A job of which no event comes: its time goes on all the same.
+  const began = new Date(Date.now() - 60_000).toISOString();
+  await page.route(`**/v1/jobs/${job.id}`, async (route) => {
+    const now = await (await route.fetch()).json();
+    await route.fulfill({ json: { ...now, state: 'running', started: began, finished: null } });
+  });
+  await page.reload();
+  const time = page.getByText('running for 1 min');
+  const first = await time.textContent();
+  await until(async () => await time.textContent() !== first);
+  await page.unrouteAll();
 });
 
 test('a map is opened, and a camera clicked shows its photo beside the map', async () => {

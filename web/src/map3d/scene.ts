@@ -239,11 +239,15 @@ export class MapScene {
     for (const step of [...this.animations]) {
       if (!step(seconds)) this.animations.delete(step);
     }
+    this.paint(time);
+    if (this.animations.size > 0) this.invalidate();
+  };
+
+  private paint(time: number): void {
     this.renderer.render(this.scene, this.camera);
     this.pace.drawn(time);
     for (const call of this.drawn) call();
-    if (this.animations.size > 0) this.invalidate();
-  };
+  }
 
   private resize(): void {
     const { clientWidth, clientHeight } = this.host;
@@ -251,7 +255,8 @@ export class MapScene {
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
-    this.invalidate();
+    // A new size wipes the picture: it is drawn before anybody sees that.
+    this.paint(performance.now());
   }
 
   private listen(canvas: HTMLCanvasElement): void {

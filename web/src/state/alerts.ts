@@ -1,14 +1,29 @@
-// Alerts of drones: one line per drone and kind, the newest first; a line stays until it is
-// dismissed.
-import { effect } from '@preact/signals';
+// Alerts of drones: one line per drone and kind, with how often and when last. A line goes when its
+// cause has gone, or when it is dismissed.
+import { effect, signal } from '@preact/signals';
 import { subscribe } from '../api/socket';
 import type { DroneAlert } from '../api/types';
-import { nameOf } from './fleet';
+import { batteryOf, fleet, poseAge, reloadFleet, STALE_MS, type LiveDrone } from './fleet';
 import { session } from './session';
-import { alert, dismiss, type Tone } from './toasts';
+import type { Tone } from './toasts';
+
+export interface AlertLine {
+  drone: number;
+  code: string;
+  detail: string | null;
+  times: number;
+  /** The last time, nanoseconds since the Unix epoch. */
+  t_ns: number;
+}
 
 /** Lines that the strip holds. */
 const MOST = 4;
+/** What happened is worth this time of a line at least, nanoseconds. */
+const STAY_NS = 4e9;
+const LOOK_EVERY_MS = 1000;
+
+/** The newest first. */
+export const alerts = signal<readonly AlertLine[]>([]);
 
 /** What the codes mean to the one who flies, and how bad it is. */
 const WORDS: Record<string, [Tone, string]> = {
@@ -24,24 +39,49 @@ const WORDS: Record<string, [Tone, string]> = {
   shared_address: ['warn', 'shares an address with another drone'],
 };
 
-interface Line {
-  key: string;
-  id: number;
-  times: number;
+export const meaningOf = ({ code }: AlertLine): [Tone, string] =>
+  WORDS[code] ?? ['warn', code.replaceAll('_', ' ')];
+
+const onGround = ({ state }: LiveDrone): boolean => state?.flying === false;
+const isControlled = (live: LiveDrone): boolean => onGround(live) || live.state?.in_control === true;
+const isFed = (live: LiveDrone): boolean => (poseAge(live) ?? Infinity) < STALE_MS;
+
+/** How the state of a drone shows that a cause has gone; what is not here waits for its reader. */
+const GONE: Record<string, (live: LiveDrone) => boolean> = {
+  pose_stale: isFed,
+  pose_refused: isFed,
+  relocating: isFed,
+  relocated: isFed,
+  link_lost: ({ state }) => state?.link.state === 'linked',
+  battery_low: (live) => batteryOf(live)?.level === 'good',
+  lease_over: onGround,
+  too_close: onGround,
+  control_taken: isControlled,
+  not_in_control: isControlled,
+};
+
+const isOf = (a: AlertLine) => (b: { drone: number; code: string }): boolean =>
+  a.drone === b.drone && a.code === b.code;
+
+function take({ drone, code, detail = null, t_ns }: DroneAlert): void {
+  const isSame = isOf({ drone, code, detail, t_ns, times: 1 });
+  const times = (alerts.value.find(isSame)?.times ?? 0) + 1;
+  const line = { drone, code, detail, times, t_ns };
+  alerts.value = [line, ...alerts.value.filter((other) => !isSame(other))].slice(0, MOST);
 }
 
-let lines: Line[] = [];
+export function dismissAlert(line: AlertLine): void {
+  alerts.value = alerts.value.filter((other) => !isOf(line)(other));
+}
 
-function take(event: DroneAlert): void {
-  const key = `${event.drone}/${event.code}`;
-  const old = lines.find((line) => line.key === key);
-  const times = (old?.times ?? 0) + 1;
-  const [tone, meaning] = WORDS[event.code] ?? ['warn', event.code.replaceAll('_', ' ')] as const;
-  const time = new Date(event.t_ns / 1e6).toLocaleTimeString();
-  const text = `${time} ${nameOf(event.drone)} ${meaning}${event.detail ? `: ${event.detail}` : ''}${times > 1 ? ` (${times} times)` : ''}`;
-  if (old) dismiss(old.id);
-  lines = [{ key, id: alert(tone, text, { code: event.code }), times }, ...lines.filter((line) => line !== old)];
-  for (const line of lines.splice(MOST)) dismiss(line.id);
+async function dropGone(): Promise<void> {
+  if (alerts.value.length === 0) return;
+  await reloadFleet();
+  const stays = ({ drone, code, t_ns }: AlertLine): boolean => {
+    const live = fleet.get(drone);
+    return !live?.state || live.state.t_ns < t_ns + STAY_NS || !GONE[code]?.(live);
+  };
+  if (!alerts.value.every(stays)) alerts.value = alerts.value.filter(stays);
 }
 
 /** Listens while the service lets us in. */
@@ -53,4 +93,5 @@ export function startAlerts(): void {
       ? subscribe('alerts', (message) => message.type === 'alert' && take(message.alert))
       : null;
   });
+  setInterval(() => void dropGone(), LOOK_EVERY_MS);
 }

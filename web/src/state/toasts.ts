@@ -1,4 +1,4 @@
-// Short messages, and alerts that stay until they are dismissed.
+// Short messages.
 import { signal } from '@preact/signals';
 import { explain } from '../api/client';
 
@@ -16,8 +16,6 @@ const STAY_MS = 6000;
 let nextId = 1;
 
 export const toasts = signal<Message[]>([]);
-/** The strip under the header: what somebody has to know now. */
-export const alerts = signal<Message[]>([]);
 
 export function toast(tone: Tone, text: string, more: Partial<Message> = {}): void {
   const message = { ...more, id: nextId++, tone, text };
@@ -33,13 +31,6 @@ export function toastError(error: unknown): void {
   toast('bad', text, { code, hint });
 }
 
-export function alert(tone: Tone, text: string, more: Partial<Message> = {}): number {
-  const id = nextId++;
-  alerts.value = [...alerts.value, { ...more, id, tone, text }];
-  return id;
-}
-
 export function dismiss(id: number): void {
   toasts.value = toasts.value.filter((message) => message.id !== id);
-  alerts.value = alerts.value.filter((message) => message.id !== id);
 }

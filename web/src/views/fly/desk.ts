@@ -1,7 +1,7 @@
 // What the fly view works on: one map, the chosen drone, its targets, a flight, a fence.
 import { computed, signal } from '@preact/signals';
 import { Vector3 } from 'three';
-import { get, post, put, request } from '../../api/client';
+import { get, post, put, remove, request } from '../../api/client';
 import type { FenceBlock, Flight, Geofence, MapVersion, Target } from '../../api/types';
 import type { Aim, Way } from '../../map3d/flight-layers';
 import { FreeSpace } from '../../map3d/free-space';
@@ -224,15 +224,18 @@ export class Desk {
     return { map_id: this.mapId, area: { outline, floor: min.z, ceiling: max.z }, keep_out: [], margin_m: MARGIN_M };
   }
 
-  async saveFence(fence: Geofence): Promise<boolean> {
+  saveFence = (fence: Geofence): Promise<void> => this.setFence(put('/v1/geofences', fence));
+
+  deleteFence = (): Promise<void> =>
+    this.setFence(remove('/v1/geofences/{id}', { at: { id: this.mapId } }).then(() => null));
+
+  private async setFence(answer: Promise<Geofence | null>): Promise<void> {
     try {
-      this.fence.value = await put('/v1/geofences', fence);
+      this.fence.value = await answer;
       this.draft.value = null;
       this.forgetPlan();
-      return true;
     } catch (error) {
       toastError(error);
-      return false;
     }
   }
 

@@ -1,8 +1,11 @@
+import { useState } from 'preact/hooks';
 import type { FenceBlock, Geofence } from '../../api/types';
+import { Confirm } from '../../ui/dialog';
 import { Icon } from '../../ui/icons';
 import { outlineOf, type Desk } from './desk';
 
 export function FencePanel({ desk }: { desk: Desk }) {
+  const [leaving, setLeaving] = useState(false);
   const drawing = desk.drawing.value;
   const draft = desk.draft.value;
   const fence = draft ?? desk.fence.value;
@@ -46,6 +49,21 @@ export function FencePanel({ desk }: { desk: Desk }) {
           <button type="button" class="primary" onClick={() => void desk.saveFence(draft)}><Icon name="check" /> Save the fence</button>
           <button type="button" onClick={() => (desk.draft.value = null)}>Discard</button>
         </div>
+      )}
+      {desk.fence.value && !draft && (
+        <div class="row">
+          <button type="button" onClick={() => setLeaving(true)}><Icon name="trash" /> Delete the fence</button>
+        </div>
+      )}
+      {leaving && (
+        <Confirm
+          title="Delete the fence of this map?"
+          action="Delete"
+          onClose={() => setLeaving(false)}
+          onYes={() => void desk.deleteFence()}
+        >
+          Flights planned from now on keep 0.5 m inside the bounds of the map.
+        </Confirm>
       )}
       <fieldset class="row">
         <legend>Draw the area</legend>

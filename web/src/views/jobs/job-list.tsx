@@ -6,6 +6,7 @@ import { useLoad } from '../../state/load';
 import { Empty } from '../../ui/empty';
 import { Failure } from '../../ui/failure';
 import { when } from '../../ui/format';
+import { useTicking } from '../../ui/ticking';
 import { JoinMaps } from './join-maps';
 import { kindOf, lineOf, Progress, StateBadge, titleOf, tookOf } from './job-words';
 import '../../styles/jobs.css';
@@ -62,6 +63,7 @@ export function JobList() {
 }
 
 function Row({ job }: { job: Job }) {
+  useTicking(!isOver(job));
   return (
     <tr>
       <td>

@@ -9,8 +9,9 @@ import { Confirm } from '../../ui/dialog';
 import { Failure } from '../../ui/failure';
 import { when, words } from '../../ui/format';
 import { Icon } from '../../ui/icons';
+import { useTicking } from '../../ui/ticking';
 import { JobReport } from './job-report';
-import { kindOf, lineOf, Progress, StateBadge, titleOf, tookOf } from './job-words';
+import { kindOf, lineOf, Progress, StateBadge, timeBetween, titleOf, tookOf } from './job-words';
 import '../../styles/jobs.css';
 
 interface JobData {
@@ -28,14 +29,22 @@ export function JobPage({ id }: { id: string }) {
   const { data, error, reload } = useLoad(() => load(id), [id]);
   const [live, setLive] = useState<JobData | null>(null);
   const [leaving, setLeaving] = useState(false);
+  useTicking(live !== null && !isOver(live.job));
   useEffect(() => {
     if (data === null) return undefined;
     let now = data;
     setLive(now);
+    // Events do not tell what was found finished.
+    const ask = () => void loadJob(id).then((job) => {
+      if (job.last_event < now.job.last_event) return;
+      now = { ...now, job };
+      setLive(now);
+    }, () => {});
     return follow(`job:${id}`, (_, event) => {
       if (event.seq <= now.job.last_event) return;
       now = { job: after(now.job, event), log: [...now.log, ...logLine(event).filter((line) => !now.log.includes(line))] };
       setLive(now);
+      if (event.type !== 'job.progress' && event.type !== 'job.log') ask();
     }, reload, data.job.last_event);
   }, [data]);
   if (error !== null) return <div class="page"><Failure error={error} retry={reload} /></div>;
@@ -152,8 +161,11 @@ function Stages({ job }: { job: Job }) {
                   <span class={`stage-dot ${stage.state}`} />
                   {words(stage.name)}
                 </td>
-                <td class="end num">{stage.done} / {stage.total} {stage.unit}</td>
-                <td class="end num">{secondsOf(stage)}</td>
+                <td class="end num">
+                  {stage.done} / {stage.total} {stage.unit}
+                  {stage.cached > 0 && <div class="muted">{stage.cached} found finished</div>}
+                </td>
+                <td class="end num">{timeBetween(stage.started, stage.ended)}</td>
               </tr>
             ))}
           </tbody>
@@ -161,11 +173,6 @@ function Stages({ job }: { job: Job }) {
       </div>
     </section>
   );
-}
-
-function secondsOf({ started, ended }: Job['stages'][number]): string {
-  if (!ended) return '…';
-  return `${((Date.parse(ended) - Date.parse(started)) / 1000).toFixed(1)} s`;
 }
 
 /** An event as the log has it. */

@@ -36,11 +36,11 @@ export function lineOf(job: Job): string {
   return `${words(job.stage ?? 'starting')}: ${done} of ${total} ${unit}${eta}`;
 }
 
-export function tookOf(job: Job): string {
-  if (!job.started) return '';
-  const end = job.finished ? Date.parse(job.finished) : Date.now();
-  return duration(Math.max(end - Date.parse(job.started), 0) / 1000);
-}
+export const tookOf = (job: Job): string => (job.started ? timeBetween(job.started, job.finished) : '');
+
+/** Without an end, until now. */
+export const timeBetween = (start: string, end?: string | null): string =>
+  duration(Math.max((end ? Date.parse(end) : Date.now()) - Date.parse(start), 0) / 1000);
 
 export const Progress = ({ job }: { job: Job }) => (
   <progress aria-label={`Progress of ${titleOf(job)}`} max={1} value={job.progress.fraction} />
