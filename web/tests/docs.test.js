@@ -1,7 +1,6 @@
-// The documents tell the truth: every error code is listed, every command line parses, every
-// example of the API is valid.
+// The documents tell the truth: every error code is listed, every example of the API is valid. Their
+// commands and Python snippets are run by client_sdk/python/tests.
 import assert from 'node:assert/strict';
-import { execFileSync } from 'node:child_process';
 import { existsSync, readFileSync, readdirSync } from 'node:fs';
 import path from 'node:path';
 import { test } from 'node:test';
@@ -54,34 +53,6 @@ function blocks(languages) {
       .filter(([, language]) => languages.includes(language))
       .map(([, , text]) => ({ name, text })));
 }
-
-/** Words of a shell line as the shell splits them; `null` when the line needs a shell. */
-function words(line) {
-  const found = [];
-  for (const [, single, double, bare] of line.matchAll(/'([^']*)'|"((?:[^"\\]|\\.)*)"|(#.*$|[^\s'"]+)/g)) {
-    if (bare?.startsWith('#')) break;
-    found.push(single ?? double ?? bare);
-  }
-  return found;
-}
-
-/** Words that stand for an id. */
-const IDS = /^(MAP|MAP_A|MAP_B|IMAGESET|JOB)$/;
-
-test('every command line of the documents parses', () => {
-  const lines = blocks(['sh', 'bash']).flatMap(({ name, text }) =>
-    text.replace(/\\\n/g, ' ').split('\n').filter((line) => /^(\S+\/)?volery /.test(line)).map((line) => ({ name, line })));
-  assert.ok(lines.length > 10, 'there are some');
-  for (const { name, line } of lines) {
-    const args = words(line).slice(1).map((word) => (IDS.test(word) ? '00000000-0000-0000-0000-000000000000' : word));
-    try {
-      // Help is printed once all before it has been understood.
-      execFileSync(process.env.VOLERY_BIN, [...args, '--help'], { stdio: 'pipe' });
-    } catch (error) {
-      assert.fail(`${name}: ${line}\n${error.stderr}`);
-    }
-  }
-});
 
 const api = yaml.load(read('openapi.yaml'));
 const resolve = (schema) => (schema.$ref ? api.components.schemas[schema.$ref.split('/').pop()] : schema);

@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
-from typing import List, Tuple
 
 import pytest
+from support.documents import blocks
 from support.room import HALF, Room, Scan, camera, pose
 from support.script import Script
-from support.server import REPOSITORY, Field, Server
+from support.server import Field, Server
 
 from volery import Client, Geofence, Map
 from volery.photos import png
 from volery.types import FenceBlock
 
-DOCUMENTS = [
-    REPOSITORY / "README.md",
-    *sorted((REPOSITORY / "docs").rglob("*.md")),
-    *sorted((REPOSITORY / "client_sdk").rglob("README.md")),
-]
-
-
-def snippets() -> List[Tuple[str, str]]:
-    """All of them, each with a name."""
-    found = []
-    for document in DOCUMENTS:
-        name = document.relative_to(REPOSITORY)
-        for match in re.finditer(r"^```python\n(.*?)^```", document.read_text(), re.S | re.M):
-            line = document.read_text()[: match.start()].count("\n") + 1
-            found.append((f"{name}:{line}", match[1]))
-    return found
-
-
-SNIPPETS = snippets()
+SNIPPETS = blocks("python")
 
 
 def test_there_are_snippets() -> None:
