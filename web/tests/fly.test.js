@@ -184,9 +184,15 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
 test('the documents are on the page', async () => {
   const { page, complaints } = await openPage(browser, station.address);
   const serious = [];
-  for (const [name, words] of [['frames-and-units', 'right-handed'], ['routes', '/v1/all-stop']]) {
-    await page.goto(`/docs/${name}#token=${station.token}`);
-    await page.getByText(words).first().waitFor();
+  await page.goto(`/docs/frames-and-units#token=${station.token}`);
+  const menu = page.getByRole('navigation', { name: 'Documents' });
+  await menu.waitFor();
+  const names = await menu.getByRole('link').evaluateAll((links) => links.map((link) => new URL(link.href).pathname.split('/').pop()));
+  for (const name of ['capture', 'safety', 'api', 'errors', 'routes', 'keys']) assert.ok(names.includes(name), name);
+  for (const name of names) {
+    await page.goto(`/docs/${name}`);
+    await page.getByRole('article').getByRole('heading', { level: 1 }).waitFor();
+    if (name === 'routes') await page.getByText('/v1/all-stop').first().waitFor();
     serious.push(...await inspect(page, `docs-${name}`));
   }
   await page.goto('/docs/frames-and-units');

@@ -31,9 +31,14 @@ test('memory does not grow with what drones say', async () => {
   const { page, complaints } = await openPage(browser, station.address);
   let messages = 0;
   let bytes = 0;
+  /** By drone, when what it says was so, seconds. */
+  const times = new Map();
   page.on('websocket', (socket) => socket.on('framereceived', ({ payload }) => {
-    messages += String(payload).includes('"drone.state"') ? 1 : 0;
     bytes += payload.length;
+    if (!String(payload).includes('"drone.state"')) return;
+    messages += 1;
+    const { id, t_ns } = JSON.parse(payload).state;
+    times.set(id, [...(times.get(id) ?? []), t_ns / 1e9]);
   }));
   await page.goto(`/fly/${map.map_id}#token=${station.token}`);
   await page.locator('.drone').nth(DRONES - 1).waitFor();
@@ -62,6 +67,12 @@ test('memory does not grow with what drones say', async () => {
   console.log(`${(came / 1e6).toFixed(1)} MB came; ${(earlier / 1e6).toFixed(2)} MB, then ${(later / 1e6).toFixed(2)} MB were held`);
   // Half of it came between the two: had it been kept, it would be there, and larger than as text.
   assert.ok(later - earlier < came / 4, `${later - earlier} of ${came} bytes stayed`);
+  // Each drone is told ten times a second, none is left out.
+  assert.equal(times.size, DRONES);
+  for (const [id, heard] of times) {
+    const rate = (heard.length - 1) / (heard.at(-1) - heard[0]);
+    assert.ok(rate > 9 && rate < 11, `drone ${id} is told ${rate.toFixed(1)} times a second`);
+  }
   assert.deepEqual(await inspect(page, 'fly-twenty'), []);
   assert.deepEqual(complaints, []);
 });

@@ -1,6 +1,8 @@
 // From photos to a map that photos are found in, as a person does it in a browser.
 import assert from 'node:assert/strict';
+import { readFile } from 'node:fs/promises';
 import { after, before, test } from 'node:test';
+import { transformWithEsbuild } from 'vite';
 import { clickAround, dropFiles, inspect, openPage, startBrowser, startServer, until } from './harness.js';
 import { CAMERA, photographRoom } from './room.js';
 
@@ -195,6 +197,33 @@ test('nothing is drawn while nothing changes', async () => {
     before = await drawn();
     await page.waitForTimeout(1000);
   }
+});
+
+test('slow pictures take a third of the time, fast ones are drawn as they come', async () => {
+  const source = new URL('../src/map3d/pace.ts', import.meta.url);
+  const { code } = await transformWithEsbuild(await readFile(source, 'utf8'), source.pathname, { format: 'iife', globalName: 'pace' });
+  const blank = await page.context().newPage();
+  // A real fence, and times that are told.
+  const ready = await blank.evaluate(`(async () => {
+    ${code}
+    const gl = document.createElement('canvas').getContext('webgl2');
+    const one = new pace.Pace(gl);
+    const draw = async (time) => {
+      one.drawn(time);
+      while (gl.clientWaitSync(one.fence, 0, 0) === gl.TIMEOUT_EXPIRED) await new Promise((done) => setTimeout(done));
+    };
+    const first = one.ready(0);
+    await draw(0);
+    const fast = one.ready(30);
+    await draw(100);
+    // It took 100 ms: from 100 to 400 nothing else is drawn.
+    const slow = [200, 399, 400].map((time) => one.ready(time));
+    return { first, fast, slow };
+  })()`);
+  await blank.close();
+  assert.equal(ready.first, true);
+  assert.equal(ready.fast, true);
+  assert.deepEqual(ready.slow, [false, false, true]);
 });
 
 test('all stop answers, and the console had nothing to complain of', async () => {
