@@ -262,6 +262,10 @@ pub struct FrameParams {
     pub map_id: Uuid,
     /// Since the frame was taken, milliseconds; 0 when absent.
     pub age_ms: Option<f64>,
+    /// Whether the frame joins the map, if it has a place in it: a job makes a new version.
+    #[serde(default)]
+    #[param(default = false)]
+    pub extend: bool,
 }
 
 /// What a frame of a drone's camera says.
@@ -271,6 +275,8 @@ pub struct FrameAnswer {
     pub answer: LocalizeAnswer,
     /// The place of the drone, if there is one.
     pub place: Option<FramePlace>,
+    /// The job by which the frame joins the map, if that was asked for.
+    pub job_id: Option<Uuid>,
 }
 
 /// The place of a drone by a frame of its camera.
@@ -282,6 +288,8 @@ pub struct FramePlace {
     pub orientation: [f64; 4],
     /// How far the drone's estimator is from it, meters.
     pub correction_m: Option<f64>,
+    /// How far it is from the goal of the drone's flight, or from where it was told to be, meters.
+    pub goal_distance_m: Option<f64>,
     /// Whether it was sent to the drone.
     pub sent: bool,
     /// Why not.

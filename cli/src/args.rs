@@ -15,7 +15,7 @@ pub(crate) use demo::{CompareArgs, DemoArgs};
 pub(crate) use reconstruct::{EffortArgs, ModelArgs, ReconstructArgs};
 pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, RegistrationArg};
-use values::{known_distance, position, udp_address};
+use values::{known_distance, position, speed, udp_address};
 
 /// Photos to metric maps, and photos to poses in them.
 #[derive(Debug, Parser)]
@@ -76,6 +76,9 @@ pub(crate) enum Command {
     },
     /// Fly simulated MAVLink drones against a server.
     Simulate(SimulateArgs),
+    /// Send what drones said in a recorded flight to a server once more, to look at it again. The
+    /// server must take unsigned drones (`serve --insecure-mavlink`).
+    Replay(ReplayArgs),
     /// Check this machine, and a server or drones if they are named.
     Doctor(DoctorArgs),
     /// Scan a synthetic hall, map it and fly drones in it, to be watched; writes a report.
@@ -105,6 +108,18 @@ pub(crate) struct ServerArgs {
     /// Token; the environment keeps it out of the list of processes.
     #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true, global = true)]
     pub(crate) token: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// Telemetry log (`.tlog`): GET /v1/recordings/{id}, or of another ground station.
+    pub(crate) file: PathBuf,
+    /// UDP address at which the server hears drones.
+    #[arg(long, default_value = "udp:127.0.0.1:14550", value_parser = udp_address)]
+    pub(crate) mavlink: SocketAddr,
+    /// How many times faster than it was.
+    #[arg(long, default_value_t = 1.0, value_parser = speed)]
+    pub(crate) speed: f64,
 }
 
 #[derive(Debug, Args)]

@@ -15,6 +15,7 @@ mod plot;
 mod progress;
 mod reconstruct;
 mod remote;
+mod replay;
 mod serve;
 mod simulate;
 mod upload;
@@ -41,6 +42,7 @@ fn main() -> ExitCode {
             remote::export(&server, map, &name, version, out.as_deref(), json)
         }
         Command::Simulate(args) => simulate::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Doctor(args) => doctor::run(&args, json),
         Command::Demo(args) => demo::run(&args, json),
         Command::ComparePositioning(args) => compare::run(&args, json),

@@ -25,6 +25,7 @@ mod setpoint;
 mod signing;
 mod task;
 mod telemetry;
+pub mod tlog;
 mod vehicle;
 pub mod watchdog;
 pub mod wire;

@@ -124,7 +124,7 @@ mod tests {
             map_from_camera: pose,
             covariance: Matrix6::identity(),
             num_inliers: 10,
-            inlier_ratio: 1.0,
+            num_correspondences: 10,
             reprojection_px: 1.0,
             sightings: Vec::new(),
         };

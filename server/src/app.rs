@@ -21,7 +21,7 @@ use crate::{
     pace::keep_pace,
     routes::{
         beacons, cameras, drones, exports, flights, frames, images, imagesets, jobs, leases,
-        localize, maps, model, page, parts, priors, render, service, tokens, uploads,
+        localize, maps, model, page, parts, priors, recordings, render, service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -99,8 +99,12 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(drones::command_drone))
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
+        .routes(routes!(frames::newest_frame))
         .routes(routes!(flights::fly_to_target))
         .routes(routes!(drones::all_stop))
+        .routes(routes!(recordings::start_recording, recordings::list_recordings))
+        .routes(routes!(recordings::recording_file, recordings::delete_recording))
+        .routes(routes!(recordings::stop_recording))
         .routes(routes!(leases::create_lease, leases::list_leases))
         .routes(routes!(leases::renew_lease))
         .routes(routes!(leases::delete_lease))

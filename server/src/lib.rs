@@ -20,6 +20,7 @@ mod idempotency;
 mod jobs;
 mod metrics;
 mod pace;
+mod pictures;
 mod poses;
 mod routes;
 mod run;

@@ -14,6 +14,7 @@ use crate::{
     error::{ApiError, ApiResult},
     fleet::Drones,
     metrics::Metrics,
+    pictures::Pictures,
     poses::Poses,
     store::{Store, UploadFiles, blobs::Blobs},
     workers::{Pool, Seats},
@@ -38,6 +39,8 @@ pub(crate) struct App {
     pub(crate) trackers: Seats,
     /// Of drones, by their cameras.
     pub(crate) poses: Poses,
+    /// Of drones' cameras.
+    pub(crate) pictures: Pictures,
     pub(crate) held_files: Semaphore,
     /// None when the service has no link to drones.
     pub(crate) drones: Option<Drones>,
@@ -78,6 +81,7 @@ impl App {
             ),
             trackers: Seats::new(&config, "run-localizer", limits.trackers, limits.localizer_bytes),
             poses: Poses::default(),
+            pictures: Pictures::default(),
             held_files: Semaphore::new(MAX_HELD_FILES),
             job_queued: Notify::new(),
             job_cancelled: Notify::new(),

@@ -130,6 +130,12 @@ pub(super) fn udp_address(text: &str) -> Result<std::net::SocketAddr, String> {
     address.parse().map_err(|e| format!("{e}; expected udp:HOST:PORT"))
 }
 
+/// A factor above 0.
+pub(super) fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|speed: &f64| *speed > 0.0 && speed.is_finite());
+    speed.ok_or_else(|| "expected a number above 0".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

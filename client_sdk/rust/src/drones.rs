@@ -3,8 +3,8 @@
 use reqwest::Method;
 use uuid::Uuid;
 use volery_api::{
-    AllStopped, CreateLease, Drone, DroneCommand, DroneCommandStatus, DronePose, DronePoseAnswer,
-    DroneState, FrameAnswer, Lease, PatchDrone, PutDrone,
+    AllStopped, CreateLease, CreateRecording, Drone, DroneCommand, DroneCommandStatus, DronePose,
+    DronePoseAnswer, DroneState, FrameAnswer, FrameParams, Lease, PatchDrone, PutDrone, Recording,
 };
 
 use crate::{Client, ClientError};
@@ -64,18 +64,53 @@ impl Client {
         Ok(self.send_once(self.request(Method::POST, &path).json(pose)).await?.json().await?)
     }
 
-    /// Takes one frame of a drone's camera, `age_ms` after it was taken.
+    /// Finds the place of a drone by one frame of its camera, as at the end of a way.
     pub async fn drone_frame(
         &self,
         id: u8,
-        map: Uuid,
+        params: &FrameParams,
         image: Vec<u8>,
-        age_ms: f64,
     ) -> Result<FrameAnswer, ClientError> {
-        let path = format!("/v1/drones/{id}/frames?map_id={map}&age_ms={age_ms}");
+        let FrameParams { map_id, age_ms, extend } = params;
+        let age_ms = age_ms.unwrap_or(0.0);
+        let path =
+            format!("/v1/drones/{id}/frames?map_id={map_id}&age_ms={age_ms}&extend={extend}");
         let request = self.request(Method::POST, &path).body(image);
         let request = request.header("Content-Type", "application/octet-stream");
         Ok(self.send_once(request).await?.json().await?)
+    }
+
+    /// The newest picture of a drone's camera: JPEG or PNG.
+    pub async fn newest_frame(&self, id: u8) -> Result<Vec<u8>, ClientError> {
+        let make = || self.request(Method::GET, &format!("/v1/drones/{id}/frame"));
+        Ok(self.send(make).await?.bytes().await?.to_vec())
+    }
+
+    /// Records everything that a drone's link sends and receives, from now on.
+    pub async fn start_recording(&self, drone: u8) -> Result<Recording, ClientError> {
+        self.call(Method::POST, "/v1/recordings", &CreateRecording { drone }).await
+    }
+
+    /// All recordings, the oldest first.
+    pub async fn recordings(&self) -> Result<Vec<Recording>, ClientError> {
+        self.list("/v1/recordings").await
+    }
+
+    /// Ends a recording.
+    pub async fn stop_recording(&self, id: Uuid) -> Result<Recording, ClientError> {
+        let make = || self.request(Method::POST, &format!("/v1/recordings/{id}/stop"));
+        Ok(self.send(make).await?.json().await?)
+    }
+
+    /// The telemetry log of a recording.
+    pub async fn recording_file(&self, id: Uuid) -> Result<Vec<u8>, ClientError> {
+        let make = || self.request(Method::GET, &format!("/v1/recordings/{id}"));
+        Ok(self.send(make).await?.bytes().await?.to_vec())
+    }
+
+    /// Ends a recording and deletes its file.
+    pub async fn delete_recording(&self, id: Uuid) -> Result<(), ClientError> {
+        self.delete(&format!("/v1/recordings/{id}")).await
     }
 
     /// Stops every drone.

@@ -80,8 +80,9 @@ pub fn not_found(reason: &str) -> Localization {
 }
 
 fn add_support(reply: &mut Localization, estimate: &PoseEstimate) {
+    reply.num_correspondences = estimate.num_correspondences as u32;
     reply.num_inliers = estimate.num_inliers as u32;
-    reply.inlier_ratio = finite(estimate.inlier_ratio);
+    reply.inlier_ratio = finite(estimate.inlier_ratio());
     reply.reprojection_px = finite(estimate.reprojection_px);
 }
 

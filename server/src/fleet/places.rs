@@ -53,14 +53,17 @@ impl Drones {
             let resets = last.map_or(0, |last| last.resets);
             let covariance = frame.covariance.as_deref();
             let fix = wire::camera_fix(pose, covariance, mount, captured, resets)?;
-            let here = state.fleet.vehicle(VehicleId(id)).and_then(|vehicle| vehicle.here());
+            let vehicle = state.fleet.vehicle(VehicleId(id));
+            let here = vehicle.and_then(|vehicle| vehicle.here());
+            let told = vehicle.and_then(|vehicle| vehicle.setpoint());
+            let goal = state.flights.goal(VehicleId(id)).or(told.map(|told| told.position));
             let sent = if is_metric {
                 let sent = state.fleet.pose(VehicleId(id), fix, now);
                 sent.map_err(|refusal| refusal.to_string())
             } else {
                 Err("the map is not metric".to_owned())
             };
-            let place = wire::frame_place(&fix, here, sent);
+            let place = wire::frame_place(&fix, here, goal, sent);
             state.flights.note_frame(VehicleId(id), clock::now_ns(), &place);
             Some(place)
         })

@@ -20,6 +20,7 @@ use super::{
     journal::Journal,
     leases::Leases,
     news::{DroneNews, News},
+    recorder::{Recorder, Running},
     signing_time::{KEEP_TIME, SigningTimes},
     sockets::{self, Sockets},
     wire,
@@ -57,6 +58,7 @@ pub(super) struct State {
     pub(super) registered: BTreeMap<u8, PutDrone>,
     pub(super) flights: Flights,
     pub(super) leases: Leases,
+    pub(super) recorder: Recorder,
     news: News,
 }
 
@@ -87,6 +89,7 @@ impl Drones {
                 registered: BTreeMap::new(),
                 flights: Flights::new(),
                 leases: Leases::default(),
+                recorder: Recorder::new(data),
                 news: News::new(),
             }),
         });
@@ -111,6 +114,7 @@ impl Drones {
             // A panic has been reported.
             let _ = thread.join();
         }
+        self.shared.lock().recorder.stop_all().for_each(Running::finish);
     }
 
     /// Registers a drone, or replaces its settings, whose key must be one.
@@ -202,6 +206,15 @@ impl Drones {
 }
 
 impl State {
+    /// What an address sent or gets, if a drone of it is recorded.
+    fn record(&self, address: SocketAddr, datagram: &[u8]) {
+        if !self.recorder.is_idle() {
+            for vehicle in self.fleet.vehicles().filter(|vehicle| vehicle.address == address) {
+                self.recorder.record(vehicle.id.0, datagram);
+            }
+        }
+    }
+
     fn drone(&self, id: u8, now: Duration) -> Drone {
         let registered = self.registered.get(&id);
         let vehicle = self.fleet.vehicle(VehicleId(id));
@@ -231,7 +244,8 @@ impl Shared {
     pub(super) fn relay<T>(&self, pass: impl FnOnce(&mut State, Duration) -> T) -> T {
         let mut state = self.lock();
         let result = pass(&mut state, self.start.elapsed());
-        self.transmit(state.fleet.take_datagrams());
+        let datagrams = state.fleet.take_datagrams();
+        self.transmit(&state, datagrams);
         result
     }
 
@@ -244,8 +258,9 @@ impl Shared {
         result
     }
 
-    fn transmit(&self, datagrams: Vec<Datagram>) {
+    fn transmit(&self, state: &State, datagrams: Vec<Datagram>) {
         for datagram in datagrams {
+            state.record(datagram.to, &datagram.bytes);
             // A drone that cannot be reached is noticed by its silence.
             if let Err(error) = self.socket.send_to(&datagram.bytes, datagram.to) {
                 tracing::debug!(%error, to = %datagram.to, "datagram not sent");
@@ -255,7 +270,8 @@ impl Shared {
 
     fn send(&self, state: &mut State, now: Duration) {
         state.flights.poll(&mut state.fleet, now, clock::now_ns());
-        self.transmit(state.fleet.poll(now));
+        let datagrams = state.fleet.poll(now);
+        self.transmit(state, datagrams);
         let t_ns = clock::now_ns();
         for event in state.fleet.take_events() {
             state.journal.write(&event, t_ns, &state.news);
@@ -274,6 +290,7 @@ impl Shared {
             let mut state = self.lock();
             sockets.receive(|datagram, from| {
                 state.fleet.receive(datagram, from, self.start.elapsed());
+                state.record(from, datagram);
             });
             let now = self.start.elapsed();
             if now >= state.fleet.next_wakeup() {

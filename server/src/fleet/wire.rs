@@ -193,6 +193,7 @@ pub(super) fn camera_fix(
 pub(super) fn frame_place(
     fix: &PoseFix,
     here: Option<Setpoint>,
+    goal: Option<Point3<f64>>,
     sent: Result<(), String>,
 ) -> FramePlace {
     let Isometry3 { rotation, translation } = fix.map_from_body;
@@ -200,6 +201,7 @@ pub(super) fn frame_place(
         position: translation.vector.into(),
         orientation: [rotation.w, rotation.i, rotation.j, rotation.k],
         correction_m: here.map(|here| (here.position.coords - translation.vector).norm()),
+        goal_distance_m: goal.map(|goal| (goal.coords - translation.vector).norm()),
         sent: sent.is_ok(),
         reason: sent.err(),
     }

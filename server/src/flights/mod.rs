@@ -10,6 +10,7 @@ mod wire;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
+use nalgebra::Point3;
 use tokio::sync::broadcast;
 use uuid::Uuid;
 use volery_api::{Flight, FlightNews, FramePlace};
@@ -218,15 +219,16 @@ impl Flights {
         ways
     }
 
+    /// Where the flight that a drone is in, or flew last, leads it.
+    pub(crate) fn goal(&self, drone: VehicleId) -> Option<Point3<f64>> {
+        let latest = self.flights.values().rev().find(|entry| entry.has_flown(drone))?;
+        let way = &latest.conductor.coordinator().plan().ways[&drone];
+        Some(way.sample(way.duration()).position)
+    }
+
     /// A frame of a drone's camera was placed: noted in the flight that it is in, or flew last.
     pub(crate) fn note_frame(&mut self, drone: VehicleId, t_ns: u64, place: &FramePlace) {
-        let with_drone = |entry: &Entry| {
-            let coordinator = entry.conductor.coordinator();
-            let flew = coordinator.state() != FlightState::Ready;
-            flew && coordinator.plan().ways.contains_key(&drone)
-        };
-        // Ids rise with time.
-        let latest = self.flights.iter_mut().rev().find(|(_, entry)| with_drone(entry));
+        let latest = self.flights.iter_mut().rev().find(|(_, entry)| entry.has_flown(drone));
         let Some((&id, entry)) = latest else { return };
         let news = FlightNews {
             t_ns,
@@ -280,6 +282,13 @@ impl Flights {
 }
 
 impl Entry {
+    /// Whether a drone flies or flew in it. The latest of such flights has the greatest id.
+    fn has_flown(&self, drone: VehicleId) -> bool {
+        let coordinator = self.conductor.coordinator();
+        let flew = coordinator.state() != FlightState::Ready;
+        flew && coordinator.plan().ways.contains_key(&drone)
+    }
+
     /// Keeps and tells what happened.
     fn note(&mut self, id: Uuid, news: FlightNews, to: &broadcast::Sender<(Uuid, FlightNews)>) {
         tracing::info!(flight = %id, kind = %news.kind, drone = news.drone,

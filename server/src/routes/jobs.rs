@@ -62,7 +62,11 @@ pub(crate) async fn register_maps(
     submit(&app, &Identity::of(&caller, "maps:register", &headers)?, &request.into()).await
 }
 
-async fn submit(app: &App, identity: &Identity, request: &CreateJob) -> ApiResult<Accepted<Job>> {
+pub(super) async fn submit(
+    app: &App,
+    identity: &Identity,
+    request: &CreateJob,
+) -> ApiResult<Accepted<Job>> {
     check_request(app, request).await?;
     let (attempts, queued) = (app.config.jobs.max_attempts, app.config.limits.queued_jobs);
     let job = app.store.insert_job(identity, request, attempts, queued).await?;

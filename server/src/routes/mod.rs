@@ -18,6 +18,7 @@ pub(crate) mod model;
 pub(crate) mod page;
 pub(crate) mod parts;
 pub(crate) mod priors;
+pub(crate) mod recordings;
 pub(crate) mod render;
 pub(crate) mod service;
 pub(crate) mod tokens;

@@ -73,6 +73,8 @@ pub(super) struct Shared {
     pub(super) open: StreamOpen,
     /// The drone whose estimator gets the poses.
     pub(super) feeds: Option<u8>,
+    /// The drone whose newest picture is shown to people.
+    shows: Option<u8>,
     waiting: Mutex<VecDeque<Frame>>,
     pub(super) arrived: Notify,
 }
@@ -109,9 +111,12 @@ impl Stream {
                 StreamMode::All => MAX_WAITING as u32,
             },
         };
+        // Who may not fly a drone does not say what it sees either.
+        let drone = open.drone_id.as_deref().filter(|_| caller.role >= Role::Pilot);
         let shared = Arc::new(Shared {
             app: Arc::clone(app),
             outbox,
+            shows: drone.and_then(|id| id.parse().ok()),
             open,
             feeds,
             waiting: Mutex::default(),
@@ -129,6 +134,9 @@ impl Stream {
     /// Takes a frame; tells which one it pushed out.
     pub(super) fn push(&self, header: FrameHeader, payload: Bytes) -> Result<(), Gone> {
         let frame = Frame { header, payload, arrived: Instant::now() };
+        if let Some(drone) = self.shared.shows {
+            self.shared.app.pictures.put(drone, &frame.payload, frame.arrived);
+        }
         let dropped = {
             let mut waiting = self.shared.waiting.lock().unwrap_or_else(PoisonError::into_inner);
             match self.shared.open.mode {

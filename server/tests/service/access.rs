@@ -41,7 +41,9 @@ fn least_role(method: &str, path: &str) -> Role {
     }
     match path.strip_prefix("/v1/").unwrap_or(path).split('/').next() {
         Some("drones") if matches!(method, "PUT" | "PATCH" | "DELETE") => Role::Admin,
-        Some("drones" | "flights" | "geofences" | "leases" | "all-stop") => Role::Pilot,
+        Some("drones" | "flights" | "geofences" | "leases" | "recordings" | "all-stop") => {
+            Role::Pilot
+        }
         _ => Role::Mapper,
     }
 }

@@ -14,7 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::support::{Client, Server};
+use crate::support::{self, Client, Server};
 use serde_json::{Value, json};
 use volery_geometry::Rng;
 use volery_server::MavlinkSettings;
@@ -32,16 +32,7 @@ fn simulator() -> Option<(PathBuf, PathBuf)> {
         eprintln!("SKIPPED: ../shared/tools/drone_sim is absent");
         return None;
     }
-    let target = Path::new(env!("CARGO_BIN_EXE_fake-worker")).parent()?.parent()?;
-    let pythons = [target.join("pymavlink/bin/python"), PathBuf::from("python3")];
-    let python = pythons.into_iter().find(|python| {
-        let check = Command::new(python).args(["-c", "import pymavlink"]).output();
-        check.is_ok_and(|output| output.status.success())
-    });
-    if python.is_none() {
-        eprintln!("SKIPPED: no Python with pymavlink; ./run test installs one");
-    }
-    Some((python?, script))
+    Some((support::python()?, script))
 }
 
 #[derive(Debug, Clone, Copy)]

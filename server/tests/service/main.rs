@@ -11,6 +11,7 @@ mod jobs;
 mod leases;
 mod maps;
 mod parts;
+mod recordings;
 mod socket;
 mod support;
 mod targets;

@@ -100,6 +100,14 @@ async fn the_flight_of_the_paper() {
     // The worker plays a place elsewhere: it is not passed on.
     assert_eq!(answer["place"]["sent"], false, "{answer}");
     assert!(answer["place"]["correction_m"].as_f64().unwrap() > 1.0);
+    let goal_distance: f64 = [2.7, 0.405, 2.026]
+        .iter()
+        .zip(answer["place"]["position"].as_array().unwrap())
+        .map(|(goal, place)| (goal - place.as_f64().unwrap()).powi(2))
+        .sum();
+    let told = answer["place"]["goal_distance_m"].as_f64().unwrap();
+    assert!((told - goal_distance.sqrt()).abs() < 1e-6, "{told} {goal_distance}");
+    assert_eq!(answer["job_id"], Value::Null, "nobody asked for it");
     let flight = client.get(&path).await.expect(200).json();
     assert_eq!(flight["events"].as_array().unwrap().last().unwrap()["kind"], "frame");
 
@@ -110,6 +118,19 @@ async fn the_flight_of_the_paper() {
     field.until(path, |flight| flight["state"] == "finished").await;
     let there = field.truth(1).position;
     assert!((there[2] - 0.876).abs() < 0.25, "{there:?}");
+
+    // On wish it joins the map, and whoever looks sees it.
+    let frames = format!("{frames}&extend=true");
+    let answer = client.send("POST", &frames, &kind, &photo("another")).await.expect(200).json();
+    let job = client.finished(answer["job_id"].as_str().unwrap()).await;
+    assert_eq!((&job["kind"], &job["outputs"]["map_id"]), (&json!("extend_map"), &json!(map)));
+    let seen = client.get("/v1/drones/1/frame").await.expect(200);
+    assert_eq!((&seen.body, seen.header("content-type")), (&photo("another"), Some("image/jpeg")));
+    assert!(seen.header("x-frame-age-ms").unwrap().parse::<u64>().unwrap() < 60_000);
+    let tag = seen.header("etag").unwrap();
+    let again = client.send("GET", "/v1/drones/1/frame", &[("If-None-Match", tag)], b"").await;
+    assert!(again.expect(304).header("x-frame-age-ms").is_some());
+    client.get("/v1/drones/2/frame").await.expect(404);
     assert_eq!(field.close().await.contacts, 0);
 }
 

@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     100.0 * error,
                     100.0 * sigma,
                     pose.num_inliers,
-                    pose.inlier_ratio,
+                    pose.inlier_ratio(),
                     answer.num_places
                 );
             }

@@ -68,12 +68,20 @@ pub struct PoseEstimate {
     pub covariance: Matrix6<f64>,
     /// Inliers of the pose.
     pub num_inliers: usize,
-    /// Inliers over correspondences.
-    pub inlier_ratio: f64,
+    /// 2D–3D correspondences that they are of: more than were matched at first, where points of the
+    /// map were looked for once a pose was known.
+    pub num_correspondences: usize,
     /// Root mean square reprojection error, pixels.
     pub reprojection_px: f64,
     /// The inliers, if they are features that see points of the map.
     pub sightings: Vec<Correspondence>,
+}
+
+impl PoseEstimate {
+    /// Inliers over correspondences.
+    pub fn inlier_ratio(&self) -> f64 {
+        self.num_inliers as f64 / self.num_correspondences.max(1) as f64
+    }
 }
 
 /// Why an image was not found. The names are stable codes.
@@ -141,7 +149,7 @@ pub struct LocalizationAnswer {
     pub status: Status,
     /// Features in the image.
     pub num_features: usize,
-    /// 2D–3D correspondences.
+    /// 2D–3D correspondences by matching.
     pub num_correspondences: usize,
 }
 

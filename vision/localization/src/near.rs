@@ -115,7 +115,7 @@ pub fn pose_from_points(
         map_from_camera: cam_from_world.inverse(),
         covariance,
         num_inliers: sights.len(),
-        inlier_ratio: sights.len() as f64 / num_tried.max(1) as f64,
+        num_correspondences: num_tried,
         reprojection_px: (squares / sights.len().max(1) as f64).sqrt(),
         sightings: Vec::new(),
     };

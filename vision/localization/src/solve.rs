@@ -240,7 +240,7 @@ impl<'a> PoseSolver<'a> {
                 map_from_camera: pose.inverse(),
                 covariance,
                 num_inliers: inliers.len(),
-                inlier_ratio: inliers.len() as f64 / num_pairs.max(1) as f64,
+                num_correspondences: num_pairs,
                 reprojection_px: refined.rms_px,
                 sightings: inliers.clone(),
             },

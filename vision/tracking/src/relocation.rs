@@ -76,7 +76,7 @@ mod tests {
             map_from_camera: Isometry3::translation(x, 0.0, 0.0),
             covariance: Matrix6::identity() * 1e-4,
             num_inliers: 50,
-            inlier_ratio: 1.0,
+            num_correspondences: 50,
             reprojection_px: 0.5,
             sightings: Vec::new(),
         };

@@ -254,7 +254,7 @@ impl Tracker {
         let found = follow(&self.followed, &work.pyramid, &self.camera, &predicted, self.simd);
         let (seen, tried) = (&found.seen, found.num_tried);
         let pose = pose_from_points(seen, tried, &self.camera, work.index, &predicted).ok()?;
-        let is_supported = pose.estimate.inlier_ratio > MIN_AGREEING;
+        let is_supported = pose.estimate.inlier_ratio() > MIN_AGREEING;
         (is_supported && motion.admits(&pose.estimate)).then_some(pose)
     }
 
@@ -338,7 +338,7 @@ impl Tracker {
             covariance: fused,
             source: if is_fused { PoseSource::Fused } else { source },
             num_points: estimate.num_inliers,
-            inlier_ratio: estimate.inlier_ratio,
+            inlier_ratio: estimate.inlier_ratio(),
             reprojection_px: estimate.reprojection_px,
         };
         if source == PoseSource::Pnp {

@@ -415,6 +415,14 @@ class CreateLease(Wire):
 
 
 @dataclass(frozen=True)
+class CreateRecording(Wire):
+    """A recording to start."""
+
+    drone: int
+    """MAVLink system id."""
+
+
+@dataclass(frozen=True)
 class CreateTarget(Wire):
     """A place for one drone to fly to from where it is."""
 
@@ -876,6 +884,8 @@ class FrameAnswer(Wire):
     """The pose of the camera, or why there is none."""
     place: Optional[FramePlace] = None
     """The place of the drone, if there is one."""
+    job_id: Optional[str] = None
+    """The job by which the frame joins the map, if that was asked for."""
 
 
 @dataclass(frozen=True)
@@ -912,6 +922,9 @@ class FramePlace(Posed):
     """Whether it was sent to the drone."""
     correction_m: Optional[float] = None
     """How far the drone's estimator is from it, meters."""
+    goal_distance_m: Optional[float] = None
+    """How far it is from the goal of the drone's flight, or from where it was told to be, meters.
+    """
     reason: Optional[str] = None
     """Why not."""
 
@@ -1719,6 +1732,22 @@ class PutPriors(Wire):
 
     priors: Dict[str, Prior]
     """By image name."""
+
+
+@dataclass(frozen=True)
+class Recording(Wire):
+    """Everything that a drone's link sent and received from a start to an end."""
+
+    id: str
+    """For life."""
+    drone: int
+    """MAVLink system id."""
+    t_ns: int
+    """When it began, nanoseconds since the Unix epoch."""
+    running: bool
+    """Whether it goes on."""
+    size: int
+    """Bytes so far; the latest second may be missing."""
 
 
 @dataclass(frozen=True)

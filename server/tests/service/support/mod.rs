@@ -6,6 +6,7 @@ use std::{
     io::{Read, Write},
     net::{SocketAddr, TcpStream},
     path::{Path, PathBuf},
+    process::Command,
     sync::atomic::{AtomicU32, Ordering},
     time::{Duration, Instant},
 };
@@ -226,6 +227,20 @@ impl Client {
         assert_eq!(job["state"], "succeeded", "{job:#}");
         job["outputs"]["map_id"].as_str().unwrap().to_owned()
     }
+}
+
+/// A Python with pymavlink, or `None`, said aloud.
+pub(crate) fn python() -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_BIN_EXE_fake-worker")).parent()?.parent()?;
+    let pythons = [target.join("pymavlink/bin/python"), PathBuf::from("python3")];
+    let python = pythons.into_iter().find(|python| {
+        let check = Command::new(python).args(["-c", "import pymavlink"]).output();
+        check.is_ok_and(|output| output.status.success())
+    });
+    if python.is_none() {
+        eprintln!("SKIPPED: no Python with pymavlink; ./run test installs one");
+    }
+    python
 }
 
 /// What the fake worker takes for a photo.

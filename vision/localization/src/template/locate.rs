@@ -316,7 +316,7 @@ impl Finder<'_> {
                 map_from_camera: pose.inverse(),
                 covariance: covariance_in_map(&pose, &covariance),
                 num_inliers: refined.num_inliers,
-                inlier_ratio: refined.num_inliers as f64 / matches.num_tried.max(1) as f64,
+                num_correspondences: matches.num_tried,
                 reprojection_px: refined.rms_px * self.original_scale,
                 sightings: Vec::new(),
             },
@@ -337,7 +337,7 @@ fn judge(
     if located.proof.score.seen < MIN_SEEN {
         return Err(NotFoundReason::NothingInView);
     }
-    if estimate.num_inliers < MIN_INLIERS || estimate.inlier_ratio < MIN_INLIER_RATIO {
+    if estimate.num_inliers < MIN_INLIERS || estimate.inlier_ratio() < MIN_INLIER_RATIO {
         return Err(NotFoundReason::TooFewInliers);
     }
     if located.proof.score.agreement < MIN_AGREEMENT {

@@ -124,7 +124,7 @@ fn jumps_and_nonsense_are_not_admitted() {
         map_from_camera,
         covariance: noise(),
         num_inliers: 50,
-        inlier_ratio: 1.0,
+        num_correspondences: 50,
         reprojection_px: 0.5,
         sightings: Vec::new(),
     };

@@ -535,6 +535,14 @@ class AsyncApi:
         """
         return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/pose", json_of(DronePoseAnswer), body=body)
 
+    async def newest_frame(self, drone_id: int) -> bytes:
+        """The newest picture of a drone's camera, as it came: by a stream of a pilot that names
+        the drone, or by `POST /v1/drones/{id}/frames`.
+
+        `GET /v1/drones/{id}/frame`
+        """
+        return await self._http.call("GET", f"/v1/drones/{quoted(drone_id)}/frame", content)
+
     async def fly_to_target(self, drone_id: int, body: CreateTarget) -> Target:
         """Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only
         tells them. A newer target takes the place of the one before.
@@ -550,6 +558,41 @@ class AsyncApi:
         `POST /v1/all-stop`
         """
         return await self._http.call("POST", "/v1/all-stop", json_of(AllStopped), repeatable=True)
+
+    async def list_recordings(self) -> Page[Recording]:
+        """All recordings, the oldest first.
+
+        `GET /v1/recordings`
+        """
+        return await self._http.call("GET", "/v1/recordings", json_of(Page[Recording]))
+
+    async def start_recording(self, body: CreateRecording) -> Recording:
+        """Records everything that a drone's link sends and receives, from now on.
+
+        `POST /v1/recordings`
+        """
+        return await self._http.call("POST", "/v1/recordings", json_of(Recording), body=body)
+
+    async def recording_file(self, recording_id: str) -> bytes:
+        """The file of a recording: a telemetry log as ground stations and pymavlink read it.
+
+        `GET /v1/recordings/{id}`
+        """
+        return await self._http.call("GET", f"/v1/recordings/{quoted(recording_id)}", content)
+
+    async def delete_recording(self, recording_id: str) -> None:
+        """Ends a recording and deletes its file.
+
+        `DELETE /v1/recordings/{id}`
+        """
+        return await self._http.call("DELETE", f"/v1/recordings/{quoted(recording_id)}", none)
+
+    async def stop_recording(self, recording_id: str) -> Recording:
+        """Ends a recording.
+
+        `POST /v1/recordings/{id}/stop`
+        """
+        return await self._http.call("POST", f"/v1/recordings/{quoted(recording_id)}/stop", json_of(Recording))
 
     async def list_leases(self) -> Page[Lease]:
         """Leases that are not over.
@@ -730,19 +773,22 @@ class AsyncApi:
         """
         return await self._http.call("POST", f"/v1/maps/{quoted(map_id)}/localize", json_of(LocalizeAnswer), body=data, repeatable=True, query={"version": version, "method": method}, headers={"Content-Type": "application/octet-stream", "X-Camera": compact(camera), "X-Pose-Prior": compact(pose_prior)})
 
-    async def drone_frame(self, drone_id: int, data: bytes, *, map_id: Optional[str] = None, age_ms: Optional[float] = None, camera: Optional[Camera] = None, pose_prior: Optional[LocalizePrior] = None) -> FrameAnswer:
+    async def drone_frame(self, drone_id: int, data: bytes, *, map_id: Optional[str] = None, age_ms: Optional[float] = None, extend: Optional[bool] = None, camera: Optional[Camera] = None, pose_prior: Optional[LocalizePrior] = None) -> FrameAnswer:
         """Takes one frame of a drone's camera, as at the end of a way: its place is found by the
         features of the frame alone, told to the drone's estimator if it is fresh and can be
-        true, and noted in the drone's flight.
+        true, and noted in the drone's flight. With `extend` a frame that has a place joins the
+        map by a job.
 
         * `map_id`: Where to look.
         * `age_ms`: Since the frame was taken, milliseconds; 0 when absent.
+        * `extend`: Whether the frame joins the map, if it has a place in it: a job makes a new
+          version.
         * `camera`: `Camera` of the frame, as JSON
         * `pose_prior`: `LocalizePrior` of the frame, as JSON
 
         `POST /v1/drones/{id}/frames`
         """
-        return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/frames", json_of(FrameAnswer), body=data, query={"map_id": map_id, "age_ms": age_ms}, headers={"Content-Type": "application/octet-stream", "X-Camera": compact(camera), "X-Pose-Prior": compact(pose_prior)})
+        return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/frames", json_of(FrameAnswer), body=data, query={"map_id": map_id, "age_ms": age_ms, "extend": extend}, headers={"Content-Type": "application/octet-stream", "X-Camera": compact(camera), "X-Pose-Prior": compact(pose_prior)})
 
     async def localize_in_maps(self, data: bytes, *, map_ids: Optional[str] = None, method: Optional[Literal["auto", "pnp", "template"]] = None, camera: Optional[Camera] = None, pose_prior: Optional[LocalizePrior] = None) -> LocalizeManyAnswer:
         """Finds the pose of a photo in one of several maps.
