@@ -28,6 +28,7 @@ NOT_RUN = {
     "volery maps extend": "a name: README.md has the whole command",
     "volery doctor --mavlink": "a name: README.md has the whole command",
     "volery doctor --mavlink udp:HOST:PORT": "wants drones that no server hears",
+    "volery replay flight.tlog": "wants a recorded flight; cli/src/replay.rs has its own tests",
     "volery demo --headless --json": "takes minutes; cli/tests try it",
     "volery compare-positioning": "takes a minute of computing; cli/src/compare has its own tests",
 }
