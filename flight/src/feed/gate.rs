@@ -167,8 +167,10 @@ impl PoseGate {
         if !self.is_settling(&anchor)
             && let Some(seen) = anchor.beside()
         {
-            let known = self.beside.map(|beside| beside.after(gap).with(&seen));
-            self.beside = Some(known.unwrap_or_else(|| Beside::new(&seen)));
+            // On the ground an estimator comes over from anywhere.
+            let known = self.beside.map(|beside| beside.after(gap));
+            let known = known.filter(|beside| beside.distance(&seen).1 <= SIGMAS);
+            self.beside = Some(known.map_or_else(|| Beside::new(&seen), |known| known.with(&seen)));
         }
     }
 

@@ -138,6 +138,23 @@ fn after_an_outage_a_pose_nearby_passes() {
     }
 }
 
+/// Before it gets poses, an estimator is anywhere; where it was then counts for nothing in flight.
+#[test]
+fn an_estimator_that_came_over_on_the_ground_is_believed() {
+    let mut gate = PoseGate::default();
+    let mut rng = Rng::new(6);
+    for step in 0..=200_u32 {
+        let time = 1.0 + 0.05 * f64::from(step);
+        let off = 4.0 * (1.0 - f64::from(step) / 80.0).max(0.0);
+        let landed = if step < 100 { Landed::Ground } else { Landed::Air };
+        let known = Some(off == 0.0);
+        let telemetry = Telemetry { landed, position_known: known, ..flying(off, 0.0, time) };
+        let checked =
+            gate.check(fix(0.01 * rng.normal(), time), &telemetry, MAX_AGE, WAY, at(time));
+        assert_eq!(checked, Ok(0), "step {step}");
+    }
+}
+
 #[test]
 fn one_wrong_pose_does_not_end_the_flight() {
     let mut gate = gate_in_flight();
