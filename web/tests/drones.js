@@ -22,9 +22,10 @@ export async function startStation() {
   return { ...server, key, mavlink, stop };
 }
 
-/** A small metric map of the painted room: its active version. */
+/** A small metric map of the painted room: its active version, and its photos. */
 export async function mapRoom(server, browser) {
-  return mapPhotos(server, await photographRoom(browser, 8), 'Room');
+  const photos = await photographRoom(browser, 8);
+  return { ...await mapPhotos(server, photos, 'Room'), photos };
 }
 
 /** A map of photos of the room; its scale is the distance from the first to the last. */
@@ -81,4 +82,31 @@ export async function startDrones({ address, token, key, mavlink }, count, origi
       await ended;
     },
   };
+}
+
+/** The camera of a drone sees a photo, five times a second, until the returned function is called. */
+export async function film(context, { address, token }, drone, map_id, { bytes }) {
+  const tab = await context.newPage();
+  await tab.goto(`${address}/docs`);
+  await tab.evaluate(({ token, open, photo }) => {
+    const socket = new WebSocket(`${location.origin.replace('http', 'ws')}/v1/ws`, ['volery', `bearer.${token}`]);
+    socket.onopen = () => socket.send(JSON.stringify({ type: 'stream.open', ...open }));
+    socket.onmessage = ({ data }) => {
+      const { type, stream_id } = JSON.parse(data);
+      if (type !== 'stream.opened') return;
+      const bytes = Uint8Array.from(atob(photo), (char) => char.charCodeAt(0));
+      let seq = 0;
+      setInterval(() => {
+        seq += 1;
+        const header = new TextEncoder().encode(JSON.stringify({ stream_id, seq, t_capture_ns: seq * 2e8, encoding: 'png' }));
+        const frame = new Uint8Array(8 + header.length + bytes.length);
+        // Magic, version, kind, length of the header.
+        frame.set([0x56, 0x59, 1, 1, header.length & 255, header.length >> 8]);
+        frame.set(header, 8);
+        frame.set(bytes, 8 + header.length);
+        socket.send(frame);
+      }, 200);
+    };
+  }, { token, open: { map_id, camera: CAMERA, track: true, drone_id: String(drone) }, photo: bytes.toString('base64') });
+  return () => tab.close();
 }

@@ -1,7 +1,7 @@
 // Drones fly by the page: found, named, fenced, sent by a click, refused, watched, stopped.
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
-import { mapRoom, startDrones, startStation } from './drones.js';
+import { film, mapRoom, startDrones, startStation } from './drones.js';
 import { inspect, openPage, startBrowser, until } from './harness.js';
 
 let station, browser, drones, map, center, floor;
@@ -172,6 +172,18 @@ test('a drone is found, named, fenced, sent, refused, watched and stopped', asyn
   await page.getByRole('dialog').getByRole('button', { name: 'Delete', exact: true }).click();
   await page.getByText('Without a fence').waitFor();
   assert.deepEqual(await station.api('GET', '/v1/geofences'), []);
+
+  // What its camera sees, beside the map as it should see it.
+  const endOfFilm = await film(page.context(), station, 1, map.map_id, map.photos[3]);
+  await tab('Drones');
+  await page.getByRole('button', { name: 'Wren', exact: true }).click();
+  await page.getByRole('button', { name: 'View from Wren' }).click();
+  for (const picture of ['What Wren sees', 'The map from the place of Wren']) {
+    await until(() => page.getByAltText(picture).evaluate((image) => image.naturalWidth > 0));
+  }
+  serious.push(...await inspect(page, 'fly-camera'));
+  await page.getByRole('button', { name: 'Close the view' }).click();
+  await endOfFilm();
 
   // On a tablet.
   await page.setViewportSize({ width: 1024, height: 768 });

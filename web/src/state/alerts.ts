@@ -22,7 +22,7 @@ const MOST = 4;
 const STAY_NS = 4e9;
 const LOOK_EVERY_MS = 1000;
 
-/** The newest first. */
+/** Each stays where it came in, the newest on top. */
 export const alerts = signal<readonly AlertLine[]>([]);
 
 /** What the codes mean to the one who flies, and how bad it is. */
@@ -32,11 +32,12 @@ const WORDS: Record<string, [Tone, string]> = {
   lease_over: ['warn', 'lost its pilot: the lease is over'],
   battery_low: ['bad', 'has a low battery'],
   too_close: ['bad', 'came too close to another drone'],
-  pose_refused: ['warn', 'was given poses that cannot be'],
+  pose_refused: ['warn', 'is given poses that are not believed'],
   control_taken: ['warn', 'was taken over by another control'],
   not_in_control: ['warn', 'does not follow the ground station'],
   impostor: ['bad', 'is imitated: messages without its signature'],
   shared_address: ['warn', 'shares an address with another drone'],
+  aborted: ['warn', 'lands: its flight was aborted'],
 };
 
 export const meaningOf = ({ code }: AlertLine): [Tone, string] =>
@@ -49,13 +50,14 @@ const isFed = (live: LiveDrone): boolean => (poseAge(live) ?? Infinity) < STALE_
 /** How the state of a drone shows that a cause has gone; what is not here waits for its reader. */
 const GONE: Record<string, (live: LiveDrone) => boolean> = {
   pose_stale: isFed,
-  pose_refused: isFed,
+  pose_refused: (live) => isFed(live) || onGround(live),
   relocating: isFed,
   relocated: isFed,
   link_lost: ({ state }) => state?.link.state === 'linked',
   battery_low: (live) => batteryOf(live)?.level === 'good',
   lease_over: onGround,
   too_close: onGround,
+  aborted: onGround,
   control_taken: isControlled,
   not_in_control: isControlled,
 };
@@ -64,10 +66,11 @@ const isOf = (a: AlertLine) => (b: { drone: number; code: string }): boolean =>
   a.drone === b.drone && a.code === b.code;
 
 function take({ drone, code, detail = null, t_ns }: DroneAlert): void {
-  const isSame = isOf({ drone, code, detail, t_ns, times: 1 });
-  const times = (alerts.value.find(isSame)?.times ?? 0) + 1;
-  const line = { drone, code, detail, times, t_ns };
-  alerts.value = [line, ...alerts.value.filter((other) => !isSame(other))].slice(0, MOST);
+  const line = { drone, code, detail, t_ns, times: 1 };
+  const isSame = isOf(line);
+  const lines = alerts.value.map((old) => (isSame(old) ? { ...line, times: old.times + 1 } : old));
+  alerts.value = lines.some(isSame) ? lines : [line, ...lines].slice(0, MOST);
+  if (!fleet.has(drone)) void reloadFleet();
 }
 
 export function dismissAlert(line: AlertLine): void {

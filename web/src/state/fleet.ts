@@ -19,6 +19,8 @@ export interface LiveDrone {
   /** When `state` came, on the clock of the page. */
   stateAt: number;
   fix: Fix | null;
+  /** Pictures of its camera come. */
+  films: boolean;
   /** The newest command. */
   command: DroneCommandStatus | null;
 }
@@ -67,7 +69,7 @@ function changed(): void {
 function entry(drone: Drone): LiveDrone {
   let live = drones.get(drone.id);
   if (!live) {
-    live = { drone, state: null, stateAt: 0, fix: null, command: null };
+    live = { drone, state: null, stateAt: 0, fix: null, films: false, command: null };
     drones.set(drone.id, live);
   }
   return live;
@@ -116,6 +118,7 @@ function take(message: ServerMessage): void {
   } else if (message.type === 'pose') {
     const live = drones.get(Number(message.drone_id));
     if (!live) return;
+    live.films = true;
     const takenAt = performance.now() - message.result.age_ms;
     // Without a pose the last one stays, and ages.
     if (message.result.pose) live.fix = { mapId: message.map_id, frame: message.result, takenAt };

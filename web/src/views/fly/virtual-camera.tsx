@@ -1,18 +1,19 @@
-import { useEffect, useState } from 'preact/hooks';
-import { explain, request } from '../../api/client';
+import { useEffect, useRef, useState } from 'preact/hooks';
+import { Quaternion } from 'three';
+import { ApiError, explain, request } from '../../api/client';
 import type { CameraPose } from '../../api/types';
 import { quaternion, UP, vector, wxyz, xyz } from '../../map3d/frames';
-import { Quaternion } from 'three';
 import { fleet, fleetTick, freshFix, nameOf, type LiveDrone } from '../../state/fleet';
 import { Icon } from '../../ui/icons';
 import type { Desk } from './desk';
 
 const EVERY_MS = 1000;
 
-/** What the map looks like from where the chosen drone is, once a second. */
+/** What the chosen drone sees, beside what the map looks like from there, once a second. */
 export function VirtualCamera({ desk }: { desk: Desk }) {
   const [open, setOpen] = useState(false);
-  const [picture, setPicture] = useState<string | null>(null);
+  const [photo, showPhoto] = usePicture();
+  const [view, showView] = usePicture();
   const [failure, setFailure] = useState<string | null>(null);
   const drone = desk.chosen.value;
   // Names come and change.
@@ -21,38 +22,44 @@ export function VirtualCamera({ desk }: { desk: Desk }) {
     if (!open || drone === null) return undefined;
     const abort = new AbortController();
     let timer: ReturnType<typeof setTimeout>;
-    let shown: string | null = null;
     let last = '';
-    const draw = async () => {
+    const { signal } = abort;
+    // Pictures of a stream of raw pixels are not kept.
+    let isKept = true;
+    const take = async () => {
+      try {
+        const answer = await request('GET', '/v1/drones/{id}/frame', null, { at: { id: drone }, signal });
+        showPhoto(await answer.blob());
+      } catch (error) {
+        if (!(error instanceof ApiError && error.problem.status === 404)) throw error;
+        isKept = false;
+      }
+    };
+    const draw = async (pose: CameraPose) => {
+      const body = JSON.stringify({ pose });
+      if (body === last) return;
+      const headers = { 'Content-Type': 'application/json' };
+      const answer = await request('POST', '/v1/maps/{id}/render', body, { at: { id: desk.mapId }, headers, signal });
+      showView(await answer.blob());
+      last = body;
+    };
+    const look = async () => {
       const live = fleet.get(drone);
       const pose = live && cameraOf(live, desk.mapId);
-      const body = pose && JSON.stringify({ pose });
-      if (!pose) setFailure('its place is not known');
-      else if (body !== last && !document.hidden) {
-        try {
-          const answer = await request('POST', '/v1/maps/{id}/render', body, {
-            at: { id: desk.mapId },
-            headers: { 'Content-Type': 'application/json' },
-            signal: abort.signal,
-          });
-          const next = URL.createObjectURL(await answer.blob());
-          if (shown) URL.revokeObjectURL(shown);
-          shown = next;
-          last = body ?? '';
-          setPicture(next);
-          setFailure(null);
-        } catch (error) {
-          if (!abort.signal.aborted) setFailure(explain(error).text);
-        }
+      try {
+        if (!document.hidden) await Promise.all([live?.films && isKept && take(), pose && draw(pose)]);
+        setFailure(pose ? null : 'its place is not known');
+      } catch (error) {
+        if (!signal.aborted) setFailure(explain(error).text);
       }
-      if (!abort.signal.aborted) timer = setTimeout(() => void draw(), EVERY_MS);
+      if (!signal.aborted) timer = setTimeout(() => void look(), EVERY_MS);
     };
-    void draw();
+    void look();
     return () => {
       abort.abort();
       clearTimeout(timer);
-      if (shown) URL.revokeObjectURL(shown);
-      setPicture(null);
+      showPhoto(null);
+      showView(null);
     };
   }, [open, drone]);
 
@@ -65,16 +72,34 @@ export function VirtualCamera({ desk }: { desk: Desk }) {
     );
   }
   return (
-    <figure class="drone-camera">
-      <figcaption>
-        Map as {nameOf(drone)} should see it
-        <button type="button" class="quiet icon-only" aria-label="Close the view" onClick={() => setOpen(false)}>
-          <Icon name="close" />
-        </button>
-      </figcaption>
-      {picture ? <img src={picture} alt={`The map from the place of ${nameOf(drone)}`} /> : <p class="muted">{failure ?? 'Drawing …'}</p>}
-    </figure>
+    <section class={`drone-camera ${photo ? 'pair' : ''}`} aria-label={`View from ${nameOf(drone)}`}>
+      {photo && (
+        <figure>
+          <figcaption>Camera of {nameOf(drone)}</figcaption>
+          <img src={photo} alt={`What ${nameOf(drone)} sees`} />
+        </figure>
+      )}
+      <figure>
+        <figcaption>Map as {nameOf(drone)} should see it</figcaption>
+        {view ? <img src={view} alt={`The map from the place of ${nameOf(drone)}`} /> : <p class="muted">{failure ?? 'Drawing …'}</p>}
+      </figure>
+      <button type="button" class="quiet icon-only" aria-label="Close the view" onClick={() => setOpen(false)}>
+        <Icon name="close" />
+      </button>
+    </section>
   );
+}
+
+/** An address of the newest picture, and how to change it. */
+function usePicture(): [string | null, (picture: Blob | null) => void] {
+  const [address, setAddress] = useState<string | null>(null);
+  const held = useRef<string | null>(null);
+  const show = (picture: Blob | null) => {
+    if (held.current) URL.revokeObjectURL(held.current);
+    held.current = picture && URL.createObjectURL(picture);
+    setAddress(held.current);
+  };
+  return [address, show];
 }
 
 /** `map_from_camera`: as its camera found it, else by the estimator and the mount. */
