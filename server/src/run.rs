@@ -2,6 +2,7 @@
 
 use std::{fs::File, io::Write, net::SocketAddr, sync::Arc, time::Duration};
 
+use futures_util::future::BoxFuture;
 use rustix::fs::{FlockOperation, flock};
 use tokio::{net::TcpListener, task::JoinHandle};
 use volery_api::Role;
@@ -91,7 +92,13 @@ impl RunningServer {
 }
 
 /// Opens the data folder, listens and works, in the background.
-pub async fn start(config: Config) -> Result<RunningServer, ServeError> {
+///
+/// Boxed, so that the service is compiled here and not once more with whoever starts it.
+pub fn start(config: Config) -> BoxFuture<'static, Result<RunningServer, ServeError>> {
+    Box::pin(open(config))
+}
+
+async fn open(config: Config) -> Result<RunningServer, ServeError> {
     if config.loopback_without_token && !config.listen.ip().is_loopback() {
         return Err(ServeError::OpenToOthers(config.listen));
     }

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use reqwest::{Method, RequestBuilder, Response, StatusCode, header};
+use bytes::Bytes;
+use futures_util::future::BoxFuture;
+use reqwest::{Method, RequestBuilder, StatusCode, header};
 use serde::{Serialize, de::DeserializeOwned};
 use volery_api::{Page, Problem};
 
@@ -52,31 +54,35 @@ impl Client {
         }
     }
 
-    /// Sends, repeating when the trouble may pass. `make` is called for every try; only requests
-    /// that may arrive twice come here.
-    pub(crate) async fn send(
+    /// The answer to a request that may arrive twice: sent again when the trouble may pass.
+    ///
+    /// Boxed, as [`Self::send_once`], so that it is compiled here and not with every caller.
+    pub(crate) fn send(
         &self,
-        make: impl Fn() -> RequestBuilder,
-    ) -> Result<Response, ClientError> {
-        let mut waits = RETRY_WAITS.iter();
-        loop {
-            match checked(make().send().await).await {
-                Err(error) if error.is_passing() => match waits.next() {
-                    Some(wait) => tokio::time::sleep(*wait).await,
-                    None => return Err(error),
-                },
-                other => return other,
+        request: RequestBuilder,
+    ) -> BoxFuture<'static, Result<Bytes, ClientError>> {
+        Box::pin(async move {
+            for wait in RETRY_WAITS {
+                let Some(copy) = request.try_clone() else { break };
+                match answer(copy).await {
+                    Err(error) if error.is_passing() => tokio::time::sleep(wait).await,
+                    other => return other,
+                }
             }
-        }
+            answer(request).await
+        })
     }
 
-    /// Sends what cannot be sent twice.
-    pub(crate) async fn send_once(&self, request: RequestBuilder) -> Result<Response, ClientError> {
-        checked(request.send().await).await
+    /// The answer to a request that may not arrive twice.
+    pub(crate) fn send_once(
+        &self,
+        request: RequestBuilder,
+    ) -> BoxFuture<'static, Result<Bytes, ClientError>> {
+        Box::pin(answer(request))
     }
 
     pub(crate) async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
-        Ok(self.send(|| self.request(Method::GET, path)).await?.json().await?)
+        parsed(&self.send(self.request(Method::GET, path)).await?)
     }
 
     /// A call with a body that may be repeated: the key makes the server do it once.
@@ -87,15 +93,12 @@ impl Client {
         body: &B,
     ) -> Result<T, ClientError> {
         let key = uuid::Uuid::now_v7().to_string();
-        let make = || {
-            let request = self.request(method.clone(), path).json(body);
-            request.header("Idempotency-Key", &key)
-        };
-        Ok(self.send(make).await?.json().await?)
+        let request = self.request(method, path).json(body).header("Idempotency-Key", key);
+        parsed(&self.send(request).await?)
     }
 
     pub(crate) async fn delete(&self, path: &str) -> Result<(), ClientError> {
-        self.send(|| self.request(Method::DELETE, path)).await.map(drop)
+        self.send(self.request(Method::DELETE, path)).await.map(drop)
     }
 
     /// All items of a paged list.
@@ -118,12 +121,17 @@ impl Client {
     }
 }
 
-/// An answer of the 4xx and 5xx kind as an error.
-async fn checked(answer: Result<Response, reqwest::Error>) -> Result<Response, ClientError> {
-    let answer = answer?;
+/// The body of an answer as JSON.
+pub(crate) fn parsed<T: DeserializeOwned>(body: &[u8]) -> Result<T, ClientError> {
+    serde_json::from_slice(body).map_err(|error| ClientError::Protocol(error.to_string()))
+}
+
+/// The body of the answer; one of the 4xx and 5xx kind is an error.
+async fn answer(request: RequestBuilder) -> Result<Bytes, ClientError> {
+    let answer = request.send().await?;
     let status = answer.status();
     if status.is_success() || status == StatusCode::NOT_MODIFIED {
-        return Ok(answer);
+        return Ok(answer.bytes().await?);
     }
     let is_problem = answer
         .headers()

@@ -7,7 +7,7 @@ use volery_api::{
     DronePoseAnswer, DroneState, FrameAnswer, FrameParams, Lease, PatchDrone, PutDrone, Recording,
 };
 
-use crate::{Client, ClientError};
+use crate::{Client, ClientError, client::parsed};
 
 impl Client {
     /// Drones that are registered or were heard.
@@ -42,7 +42,7 @@ impl Client {
         command: &DroneCommand,
     ) -> Result<DroneCommandStatus, ClientError> {
         let path = format!("/v1/drones/{id}/commands");
-        Ok(self.send_once(self.request(Method::POST, &path).json(command)).await?.json().await?)
+        parsed(&self.send_once(self.request(Method::POST, &path).json(command)).await?)
     }
 
     /// How far a command is.
@@ -61,7 +61,7 @@ impl Client {
         pose: &DronePose,
     ) -> Result<DronePoseAnswer, ClientError> {
         let path = format!("/v1/drones/{id}/pose");
-        Ok(self.send_once(self.request(Method::POST, &path).json(pose)).await?.json().await?)
+        parsed(&self.send_once(self.request(Method::POST, &path).json(pose)).await?)
     }
 
     /// Finds the place of a drone by one frame of its camera, as at the end of a way.
@@ -77,7 +77,7 @@ impl Client {
             format!("/v1/drones/{id}/frames?map_id={map_id}&age_ms={age_ms}&extend={extend}");
         let request = self.request(Method::POST, &path).body(image);
         let request = request.header("Content-Type", "application/octet-stream");
-        Ok(self.send_once(request).await?.json().await?)
+        parsed(&self.send_once(request).await?)
     }
 
     /// The newest picture of a drone's camera: JPEG or PNG.
@@ -115,8 +115,7 @@ impl Client {
 
     /// Stops every drone.
     pub async fn all_stop(&self) -> Result<AllStopped, ClientError> {
-        let make = || self.request(Method::POST, "/v1/all-stop");
-        Ok(self.send(make).await?.json().await?)
+        parsed(&self.send(self.request(Method::POST, "/v1/all-stop")).await?)
     }
 
     /// Takes drones: nobody else commands them while the lease lasts, and they hold when it is over.
@@ -132,8 +131,8 @@ impl Client {
 
     /// Renews a lease.
     pub async fn renew_lease(&self, id: Uuid) -> Result<Lease, ClientError> {
-        let make = || self.request(Method::POST, &format!("/v1/leases/{id}/renew"));
-        Ok(self.send(make).await?.json().await?)
+        let path = format!("/v1/leases/{id}/renew");
+        parsed(&self.send(self.request(Method::POST, &path)).await?)
     }
 
     /// Ends a lease: its drones hold.

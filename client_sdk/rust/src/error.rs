@@ -63,9 +63,6 @@ impl ClientError {
 
 impl From<reqwest::Error> for ClientError {
     fn from(error: reqwest::Error) -> Self {
-        if error.is_decode() {
-            return Self::Protocol(error.to_string());
-        }
         // The outer message only names the URL; the cause is what helps.
         let mut cause: &dyn std::error::Error = &error;
         while let Some(inner) = cause.source() {

@@ -6,20 +6,20 @@ use volery_api::{
     BeaconEstimate, BeaconEstimateRequest, CreateFlight, CreateTarget, Flight, Geofence, Target,
 };
 
-use crate::{Client, ClientError};
+use crate::{Client, ClientError, client::parsed};
 
 impl Client {
     /// Plans a flight and checks the plan.
     pub async fn create_flight(&self, flight: &CreateFlight) -> Result<Flight, ClientError> {
         let request = self.request(Method::POST, "/v1/flights").json(flight);
-        Ok(self.send_once(request).await?.json().await?)
+        parsed(&self.send_once(request).await?)
     }
 
     /// Plans the way of a drone to a place, and flies it there unless it is a dry run.
     pub async fn fly_to(&self, drone: u8, target: &CreateTarget) -> Result<Target, ClientError> {
         let path = format!("/v1/drones/{drone}/target");
         let request = self.request(Method::POST, &path).json(target);
-        Ok(self.send_once(request).await?.json().await?)
+        parsed(&self.send_once(request).await?)
     }
 
     /// All flights since the server started.
@@ -54,7 +54,7 @@ impl Client {
 
     async fn wish(&self, id: Uuid, wish: &str) -> Result<Flight, ClientError> {
         let request = self.request(Method::POST, &format!("/v1/flights/{id}/{wish}"));
-        Ok(self.send_once(request).await?.json().await?)
+        parsed(&self.send_once(request).await?)
     }
 
     /// The fences of all maps that have one.

@@ -66,7 +66,8 @@ impl Client {
     /// The log of a job.
     pub async fn job_log(&self, id: Uuid) -> Result<String, ClientError> {
         let path = format!("/v1/jobs/{id}/log");
-        Ok(self.send(|| self.request(Method::GET, &path)).await?.text().await?)
+        let log = self.send(self.request(Method::GET, &path)).await?;
+        Ok(String::from_utf8_lossy(&log).into_owned())
     }
 
     /// Follows a job to its end and hands every event over once, in order: by the socket, and by

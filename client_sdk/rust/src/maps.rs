@@ -8,7 +8,7 @@ use volery_api::{
     LocalizeMethod, LocalizePrior, Map, MapCameras, MapVersion, RegisterMaps, RenderRequest,
 };
 
-use crate::{Client, ClientError};
+use crate::{Client, ClientError, client::parsed};
 
 /// A photo to be localized.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -95,14 +95,14 @@ impl Client {
     ) -> Result<bytes::Bytes, ClientError> {
         let version = version.map_or(String::new(), |v| format!("?version={v}"));
         let path = format!("/v1/maps/{id}/export/{name}{version}");
-        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// Where the air of a map is free, occupied or unseen: a grid of voxels as `openapi.yaml`
     /// describes it.
     pub async fn map_free_space(&self, id: Uuid) -> Result<bytes::Bytes, ClientError> {
         let path = format!("/v1/maps/{id}/freespace");
-        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// What a virtual camera sees of the active version of a map: a PNG, or for
@@ -113,8 +113,7 @@ impl Client {
         request: &RenderRequest,
     ) -> Result<bytes::Bytes, ClientError> {
         let path = format!("/v1/maps/{id}/render");
-        let make = || self.request(Method::POST, &path).json(request);
-        Ok(self.send(make).await?.bytes().await?)
+        self.send(self.request(Method::POST, &path).json(request)).await
     }
 
     /// The pose of a photo, or why there is none.
@@ -152,20 +151,16 @@ impl Client {
         };
         let camera = query.camera.as_ref().map(serde_json::to_string).map(json).transpose()?;
         let prior = query.prior.as_ref().map(serde_json::to_string).map(json).transpose()?;
-        let image = bytes::Bytes::from(query.image.clone());
-        let make = || {
-            let mut request = self
-                .request(Method::POST, path)
-                .header(header::CONTENT_TYPE, "application/octet-stream")
-                .body(image.clone());
-            if let Some(camera) = &camera {
-                request = request.header("X-Camera", camera);
-            }
-            if let Some(prior) = &prior {
-                request = request.header("X-Pose-Prior", prior);
-            }
-            request
-        };
-        Ok(self.send(make).await?.json().await?)
+        let mut request = self
+            .request(Method::POST, path)
+            .header(header::CONTENT_TYPE, "application/octet-stream")
+            .body(query.image.clone());
+        if let Some(camera) = camera {
+            request = request.header("X-Camera", camera);
+        }
+        if let Some(prior) = prior {
+            request = request.header("X-Pose-Prior", prior);
+        }
+        parsed(&self.send(request).await?)
     }
 }

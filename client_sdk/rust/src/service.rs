@@ -7,7 +7,7 @@ use volery_api::{
     Token,
 };
 
-use crate::{Client, ClientError};
+use crate::{Client, ClientError, client::parsed};
 
 impl Client {
     /// Facts and limits.
@@ -18,7 +18,7 @@ impl Client {
     /// Whether the server can work. One that cannot answers with a problem or an unready health.
     pub async fn ready(&self) -> Result<Health, ClientError> {
         let answer = self.request(Method::GET, "/readyz").send().await?;
-        Ok(answer.json().await?)
+        parsed(&answer.bytes().await?)
     }
 
     /// A new token; its secret is in the answer and nowhere else.

@@ -248,12 +248,11 @@ fn subtract_rows<const FMA: bool, const DIM: usize>(
         let minus: [[f64; DIM]; 3] = std::array::from_fn(|k| std::array::from_fn(|r| -y_i[k][r]));
         for (y_j, &column) in factors[range.clone()].iter().zip(&layout.factor_blocks[range]) {
             let block = &mut blocks[column as usize];
-            for r in 0..DIM {
-                for lane in 0..LANES {
-                    let sum = fma::<FMA>(minus[0][r], y_j[0][lane], block[r][lane]);
-                    let sum = fma::<FMA>(minus[1][r], y_j[1][lane], sum);
-                    block[r][lane] = fma::<FMA>(minus[2][r], y_j[2][lane], sum);
-                }
+            for (r, lanes) in block.iter_mut().enumerate() {
+                // One value of all lanes: compilers that look for loops take the rows for the vector.
+                *lanes = (0..3).fold(*lanes, |sum, k| {
+                    std::array::from_fn(|lane| fma::<FMA>(minus[k][r], y_j[k][lane], sum[lane]))
+                });
             }
         }
     }
