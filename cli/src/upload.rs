@@ -63,14 +63,20 @@ pub(crate) fn run(args: &UploadArgs, json: bool) -> Outcome {
                 client.create_imageset(&args.name, camera).await.map_err(failed)?.id
             }
         };
-        let bar = bar("upload", files.len() as u64, "photos");
+        let photos_bar = bar("upload", files.len() as u64, "photos");
         let mut results = client
-            .upload_files(imageset, &files, |done, _| bar.set_position(done as u64))
+            .upload_files(imageset, &files, |done, _| photos_bar.set_position(done as u64))
             .await
             .map_err(failed)?;
-        bar.finish_and_clear();
+        photos_bar.finish_and_clear();
         for archive in &archives {
-            let report = client.upload_archive(imageset, archive).await.map_err(failed)?;
+            let size = archive.metadata().map_err(|e| PipelineError::io(archive, &e))?.len();
+            let bytes_bar = bar("upload", size, "bytes");
+            let report = client
+                .upload_archive(imageset, archive, |safe| bytes_bar.set_position(safe))
+                .await
+                .map_err(failed)?;
+            bytes_bar.finish_and_clear();
             results.extend(report.results);
         }
         if !priors.is_empty() {

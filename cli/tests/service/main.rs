@@ -9,6 +9,7 @@ mod crash;
 mod demo;
 mod journey;
 mod live_pose;
+mod resume;
 mod server;
 mod surface;
 mod surface_crash;

@@ -81,9 +81,9 @@ impl Client {
     }
 
     /// The newest picture of a drone's camera: JPEG or PNG.
-    pub async fn newest_frame(&self, id: u8) -> Result<Vec<u8>, ClientError> {
-        let make = || self.request(Method::GET, &format!("/v1/drones/{id}/frame"));
-        Ok(self.send(make).await?.bytes().await?.to_vec())
+    pub async fn newest_frame(&self, id: u8) -> Result<bytes::Bytes, ClientError> {
+        let path = format!("/v1/drones/{id}/frame");
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// Records everything that a drone's link sends and receives, from now on.
@@ -98,14 +98,14 @@ impl Client {
 
     /// Ends a recording.
     pub async fn stop_recording(&self, id: Uuid) -> Result<Recording, ClientError> {
-        let make = || self.request(Method::POST, &format!("/v1/recordings/{id}/stop"));
-        Ok(self.send(make).await?.json().await?)
+        let path = format!("/v1/recordings/{id}/stop");
+        parsed(&self.send(self.request(Method::POST, &path)).await?)
     }
 
     /// The telemetry log of a recording.
-    pub async fn recording_file(&self, id: Uuid) -> Result<Vec<u8>, ClientError> {
-        let make = || self.request(Method::GET, &format!("/v1/recordings/{id}"));
-        Ok(self.send(make).await?.bytes().await?.to_vec())
+    pub async fn recording_file(&self, id: Uuid) -> Result<bytes::Bytes, ClientError> {
+        let path = format!("/v1/recordings/{id}");
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// Ends a recording and deletes its file.

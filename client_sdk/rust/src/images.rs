@@ -13,7 +13,7 @@ use volery_api::{
     UploadResult, UploadStatus,
 };
 
-use crate::{Client, ClientError};
+use crate::{Client, ClientError, client::parsed};
 
 /// Photos under way at once.
 const PARALLEL_UPLOADS: usize = 4;
@@ -64,7 +64,7 @@ impl Client {
     /// The bytes of an image, as they were uploaded.
     pub async fn image_bytes(&self, id: Uuid) -> Result<bytes::Bytes, ClientError> {
         let path = format!("/v1/images/{id}/bytes");
-        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// A small PNG of an image; `size` is its longest side: 64, 128, 256 (the default), 512 or
@@ -76,7 +76,7 @@ impl Client {
     ) -> Result<bytes::Bytes, ClientError> {
         let size = size.map_or(String::new(), |size| format!("?size={size}"));
         let path = format!("/v1/images/{id}/thumbnail{size}");
-        Ok(self.send(|| self.request(Method::GET, &path)).await?.bytes().await?)
+        self.send(self.request(Method::GET, &path)).await
     }
 
     /// Uploads one photo. Repeating is safe: the set knows its photos by their hash.
@@ -94,19 +94,15 @@ impl Client {
             .map(serde_json::to_string)
             .transpose()
             .map_err(|e| ClientError::BadArgument(e.to_string()))?;
-        let bytes = bytes::Bytes::from(bytes);
-        let make = || {
-            let request = self
-                .request(Method::POST, &path)
-                .header(header::CONTENT_TYPE, "application/octet-stream")
-                .header("X-Image-Name", &name)
-                .body(bytes.clone());
-            match &prior {
-                Some(prior) => request.header("X-Pose-Prior", prior),
-                None => request,
-            }
-        };
-        let report: UploadReport = self.send(make).await?.json().await?;
+        let mut request = self
+            .request(Method::POST, &path)
+            .header(header::CONTENT_TYPE, "application/octet-stream")
+            .header("X-Image-Name", name)
+            .body(bytes);
+        if let Some(prior) = prior {
+            request = request.header("X-Pose-Prior", prior);
+        }
+        let report: UploadReport = parsed(&self.send(request).await?)?;
         let result = report.results.into_iter().next();
         result.ok_or_else(|| ClientError::Protocol("an upload without result".to_owned()))
     }
@@ -148,23 +144,6 @@ impl Client {
         Ok(results)
     }
 
-    /// Uploads a zip archive of photos, streamed from disk.
-    pub async fn upload_archive(
-        &self,
-        imageset: Uuid,
-        path: &Path,
-    ) -> Result<UploadReport, ClientError> {
-        let file = tokio::fs::File::open(path).await.map_err(|e| ClientError::file(path, e))?;
-        let len = file.metadata().await.map_err(|e| ClientError::file(path, e))?.len();
-        let request = self
-            .request(Method::POST, &format!("/v1/imagesets/{imageset}/archive"))
-            .header(header::CONTENT_TYPE, "application/zip")
-            .header(header::CONTENT_LENGTH, len)
-            .body(reqwest::Body::from(file));
-        // A stream is gone once sent: no second try.
-        Ok(self.send_once(request).await?.json().await?)
-    }
-
     /// Sets what is known of images before they are looked at.
     pub async fn put_priors(
         &self,
@@ -187,11 +166,9 @@ impl Client {
             ModelFile::TransformsJson(text) => ("application/json", text.into_bytes()),
         };
         let path = format!("/v1/imagesets/{imageset}/model");
-        let make = || {
-            let request = self.request(Method::PUT, &path);
-            request.header(header::CONTENT_TYPE, media_type).body(bytes.clone())
-        };
-        Ok(self.send(make).await?.json().await?)
+        let request = self.request(Method::PUT, &path);
+        let request = request.header(header::CONTENT_TYPE, media_type).body(bytes);
+        parsed(&self.send(request).await?)
     }
 }
 

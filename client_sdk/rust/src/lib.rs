@@ -14,6 +14,7 @@
 //! # }
 //! ```
 
+mod archives;
 mod client;
 mod drones;
 mod error;
