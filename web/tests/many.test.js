@@ -67,11 +67,12 @@ test('memory does not grow with what drones say', async () => {
   console.log(`${(came / 1e6).toFixed(1)} MB came; ${(earlier / 1e6).toFixed(2)} MB, then ${(later / 1e6).toFixed(2)} MB were held`);
   // Half of it came between the two: had it been kept, it would be there, and larger than as text.
   assert.ok(later - earlier < came / 4, `${later - earlier} of ${came} bytes stayed`);
-  // Each drone is told ten times a second, none is left out.
+  // Each drone is told ten times a second, none is left out. A busy machine may pause now and then.
   assert.equal(times.size, DRONES);
-  for (const [id, heard] of times) {
-    const rate = (heard.length - 1) / (heard.at(-1) - heard[0]);
-    assert.ok(rate > 9 && rate < 11, `drone ${id} is told ${rate.toFixed(1)} times a second`);
+  for (const [id, told] of times) {
+    const gaps = told.slice(1).map((time, k) => time - told[k]).sort((a, b) => a - b);
+    const usual = gaps[Math.floor(gaps.length / 2)];
+    assert.ok(Math.abs(usual - 0.1) < 0.015, `drone ${id} is told every ${usual.toFixed(3)} s`);
   }
   assert.deepEqual(await inspect(page, 'fly-twenty'), []);
   assert.deepEqual(complaints, []);

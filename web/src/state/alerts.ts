@@ -69,8 +69,15 @@ function take({ drone, code, detail = null, t_ns }: DroneAlert): void {
   const line = { drone, code, detail, t_ns, times: 1 };
   const isSame = isOf(line);
   const lines = alerts.value.map((old) => (isSame(old) ? { ...line, times: old.times + 1 } : old));
-  alerts.value = lines.some(isSame) ? lines : [line, ...lines].slice(0, MOST);
+  alerts.value = lines.some(isSame) ? lines : fitting([line, ...lines]);
   if (!fleet.has(drone)) void reloadFleet();
+}
+
+/** Without the oldest line that is not grave, where there are too many. */
+function fitting(lines: AlertLine[]): AlertLine[] {
+  if (lines.length <= MOST) return lines;
+  const least = lines.findLast((line) => meaningOf(line)[0] !== 'bad') ?? lines.at(-1);
+  return lines.filter((line) => line !== least);
 }
 
 export function dismissAlert(line: AlertLine): void {

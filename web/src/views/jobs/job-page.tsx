@@ -33,19 +33,24 @@ export function JobPage({ id }: { id: string }) {
   useEffect(() => {
     if (data === null) return undefined;
     let now = data;
+    let isLeft = false;
     setLive(now);
     // Events do not tell what was found finished.
     const ask = () => void loadJob(id).then((job) => {
-      if (job.last_event < now.job.last_event) return;
+      if (isLeft || job.last_event < now.job.last_event) return;
       now = { ...now, job };
       setLive(now);
     }, () => {});
-    return follow(`job:${id}`, (_, event) => {
+    const end = follow(`job:${id}`, (_, event) => {
       if (event.seq <= now.job.last_event) return;
       now = { job: after(now.job, event), log: [...now.log, ...logLine(event).filter((line) => !now.log.includes(line))] };
       setLive(now);
       if (event.type !== 'job.progress' && event.type !== 'job.log') ask();
     }, reload, data.job.last_event);
+    return () => {
+      isLeft = true;
+      end();
+    };
   }, [data]);
   if (error !== null) return <div class="page"><Failure error={error} retry={reload} /></div>;
   if (live === null) return <p class="muted center">Loading …</p>;
