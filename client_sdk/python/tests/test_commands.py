@@ -81,6 +81,7 @@ RUN: Dict[str, Run] = {
         '"camera_url"', ((":8081", ":0"),), ends=False
     ),
     "volery options": Run("max_features"),
+    "volery upload photos.zip": Run("10 stored"),
     "volery localize map/ PHOTO --near 1.2,0.5,1.4 --telemetry telemetry.csv": Run(
         "of 1 photos localized"
     ),
@@ -113,6 +114,7 @@ def folder(photos: Scan, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "\n".join([*telemetry, telemetry[-1].replace(name, "PHOTO")])
     )
     (folder / "positions.csv").write_text("\n".join(positions))
+    shutil.make_archive(str(folder / "photos"), "zip", folder / "PHOTOS")
     (folder / "KEYFILE").write_text("17" * 32)
     return folder
 
