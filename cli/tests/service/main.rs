@@ -7,6 +7,7 @@ mod bad_input;
 mod cancel;
 mod crash;
 mod demo;
+mod goal_frame;
 mod journey;
 mod live_pose;
 mod resume;
