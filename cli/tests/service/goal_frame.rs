@@ -152,6 +152,12 @@ fn picture(hall: &DemoHall, world_from_body: &Isometry3<f64>) -> Vec<u8> {
 /// from it, and the picture joins the map, in which it is a photo more.
 #[test]
 fn a_picture_at_the_goal_says_where_the_drone_is_and_joins_the_map() {
+    if std::env::var_os("VOLERY_LONG").is_none() {
+        eprintln!(
+            "SKIPPED: VOLERY_LONG is not set; server/tests try the same with a worker that plays"
+        );
+        return;
+    }
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let folder = Folder::new("goal-frame");
     let hall = hall_photos(&folder.0);
