@@ -153,9 +153,7 @@ fn picture(hall: &DemoHall, world_from_body: &Isometry3<f64>) -> Vec<u8> {
 #[test]
 fn a_picture_at_the_goal_says_where_the_drone_is_and_joins_the_map() {
     if std::env::var_os("VOLERY_LONG").is_none() {
-        eprintln!(
-            "SKIPPED: VOLERY_LONG is not set; server/tests try the same with a worker that plays"
-        );
+        eprintln!("SKIPPED: VOLERY_LONG is not set");
         return;
     }
     let runtime = tokio::runtime::Runtime::new().unwrap();
