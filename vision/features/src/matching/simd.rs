@@ -95,42 +95,45 @@ mod x86 {
                     }
                 }
             }
-            for v in 0..VECTORS {
-                let range = v * 16..v * 16 + 16;
-                let column_norm = load512(&block.tile_norms[range.clone()]);
-                let mut first = load512(&columns.first[range.clone()]);
-                let mut second = load512(&columns.second[range.clone()]);
-                let mut index = load512(&columns.index[range.clone()]);
-                let column_index =
-                    _mm512_add_epi32(lane, _mm512_set1_epi32((block.first_column + v * 16) as i32));
-                for q in 0..QUERIES {
-                    let i = group * QUERIES + q;
-                    let norms =
-                        _mm512_add_epi32(column_norm, _mm512_set1_epi32(block.query_norms[i]));
-                    let similarity =
-                        _mm512_sub_epi32(_mm512_add_epi32(dots[q][v], dots[q][v]), norms);
+            let lanes = |v: usize| v * 16..v * 16 + 16;
+            let mut first: [_; VECTORS] =
+                std::array::from_fn(|v| load512(&columns.first[lanes(v)]));
+            let mut second: [_; VECTORS] =
+                std::array::from_fn(|v| load512(&columns.second[lanes(v)]));
+            let mut index: [_; VECTORS] =
+                std::array::from_fn(|v| load512(&columns.index[lanes(v)]));
+            for q in 0..QUERIES {
+                let i = group * QUERIES + q;
+                let row = &mut rows[i];
+                let (mut row_first, mut row_second) = (load512(&row.first), load512(&row.second));
+                let mut row_index = load512(&row.index);
+                let query_norm = _mm512_set1_epi32(block.query_norms[i]);
+                let query_index = _mm512_set1_epi32((block.first_query + i) as i32);
+                for v in 0..VECTORS {
+                    let norms = _mm512_add_epi32(load512(&block.tile_norms[lanes(v)]), query_norm);
+                    let similarity = _mm512_sub_epi32(_mm512_slli_epi32::<1>(dots[q][v]), norms);
 
-                    let better = _mm512_cmpgt_epi32_mask(similarity, first);
-                    second = _mm512_max_epi32(second, _mm512_min_epi32(first, similarity));
-                    first = _mm512_max_epi32(first, similarity);
-                    let query_index = _mm512_set1_epi32((block.first_query + i) as i32);
-                    index = _mm512_mask_mov_epi32(index, better, query_index);
+                    let better = _mm512_cmpgt_epi32_mask(similarity, first[v]);
+                    second[v] = _mm512_max_epi32(second[v], _mm512_min_epi32(first[v], similarity));
+                    first[v] = _mm512_max_epi32(first[v], similarity);
+                    index[v] = _mm512_mask_mov_epi32(index[v], better, query_index);
 
-                    let row = &mut rows[i];
-                    let row_first = load512(&row.first);
                     let better = _mm512_cmpgt_epi32_mask(similarity, row_first);
-                    let lower = _mm512_min_epi32(row_first, similarity);
-                    store512(_mm512_max_epi32(load512(&row.second), lower), &mut row.second);
-                    store512(_mm512_max_epi32(row_first, similarity), &mut row.first);
-                    let row_index = load512(&row.index);
-                    store512(
-                        _mm512_mask_mov_epi32(row_index, better, column_index),
-                        &mut row.index,
-                    );
+                    row_second =
+                        _mm512_max_epi32(row_second, _mm512_min_epi32(row_first, similarity));
+                    row_first = _mm512_max_epi32(row_first, similarity);
+                    let start = _mm512_set1_epi32((block.first_column + v * 16) as i32);
+                    let column_index = _mm512_add_epi32(lane, start);
+                    row_index = _mm512_mask_mov_epi32(row_index, better, column_index);
                 }
-                store512(first, &mut columns.first[range.clone()]);
-                store512(second, &mut columns.second[range.clone()]);
-                store512(index, &mut columns.index[range]);
+                store512(row_first, &mut row.first);
+                store512(row_second, &mut row.second);
+                store512(row_index, &mut row.index);
+            }
+            for v in 0..VECTORS {
+                store512(first[v], &mut columns.first[lanes(v)]);
+                store512(second[v], &mut columns.second[lanes(v)]);
+                store512(index[v], &mut columns.index[lanes(v)]);
             }
         }
     }
