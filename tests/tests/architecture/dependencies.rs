@@ -155,6 +155,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "thiserror",
             "uuid",
             "bytes",
+            "sha2",
         ],
     ),
     (
