@@ -22,6 +22,7 @@ NOT_RUN = {
     "./run demo": "takes minutes; cli/tests try the same without a page",
     "./run test": "runs this",
     "./run bench": "takes an hour",
+    "./run bench load 60": "takes minutes of both cores",
     "cargo build --release": "made the program that is tried here",
     "pip install client_sdk/python": "asks a package registry; test_examples builds the same wheel",
     "volery maps register": "a name: README.md has the whole command",
