@@ -1,7 +1,7 @@
 //! Writes what drones and the service say to each other to `.tlog` files.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs::File,
     io::{BufWriter, Write},
     path::{Path, PathBuf},
@@ -51,6 +51,14 @@ pub(super) struct Recorder {
     running: BTreeMap<u8, Running>,
 }
 
+/// The folder, and which of its recordings go on, at some time: what looks at the disk holds up no
+/// drone.
+#[derive(Debug)]
+struct Shelf {
+    folder: PathBuf,
+    running: BTreeSet<Uuid>,
+}
+
 /// A recording that goes on until this is dropped; then its file is written by the thread.
 #[derive(Debug)]
 pub(super) struct Running {
@@ -97,7 +105,7 @@ impl Recorder {
         }
         std::fs::create_dir_all(&self.folder)?;
         let id = Uuid::now_v7();
-        let file = File::create_new(self.path(id, drone))?;
+        let file = File::create_new(self.shelf().path(id, drone))?;
         let (datagrams, waiting) = sync_channel(MAX_WAITING);
         let thread = std::thread::Builder::new().name("recording".to_owned()).spawn(move || {
             if let Err(error) = write(file, &waiting) {
@@ -105,7 +113,7 @@ impl Recorder {
             }
         })?;
         self.running.insert(drone, Running { id, datagrams, thread });
-        Ok(self.describe(id, drone, 0))
+        Ok(self.shelf().describe(id, drone, 0))
     }
 
     /// Takes one that is running out; whoever takes it finishes it.
@@ -119,8 +127,15 @@ impl Recorder {
         std::mem::take(&mut self.running).into_values()
     }
 
+    fn shelf(&self) -> Shelf {
+        let running = self.running.values().filter(|running| running.goes_on());
+        Shelf { folder: self.folder.clone(), running: running.map(|running| running.id).collect() }
+    }
+}
+
+impl Shelf {
     /// All, the oldest first.
-    pub(super) fn list(&self) -> std::io::Result<Vec<Recording>> {
+    fn list(&self) -> std::io::Result<Vec<Recording>> {
         let mut all = Vec::new();
         let files = match std::fs::read_dir(&self.folder) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(all),
@@ -142,8 +157,7 @@ impl Recorder {
 
     fn describe(&self, id: Uuid, drone: u8, size: u64) -> Recording {
         let (seconds, nanos) = id.get_timestamp().map_or((0, 0), |time| time.to_unix());
-        let running = self.running.get(&drone);
-        let running = running.is_some_and(|running| running.id == id && running.goes_on());
+        let running = self.running.contains(&id);
         let t_ns = seconds * 1_000_000_000 + u64::from(nanos);
         Recording { id, drone, t_ns, running, size }
     }
@@ -193,18 +207,22 @@ impl Drones {
         self.recording(id).map(|(recording, _)| recording)
     }
 
-    /// All recordings, the oldest first.
+    /// All recordings, the oldest first. Waits for the disk.
     pub(crate) fn recordings(&self) -> Result<Vec<Recording>, RecordingError> {
-        Ok(self.shared.read(|state, _| state.recorder.list())?)
+        Ok(self.shelf().list()?)
     }
 
-    /// One of them, and its file.
+    /// One of them, and its file. Waits for the disk.
     pub(crate) fn recording(&self, id: Uuid) -> Result<(Recording, PathBuf), RecordingError> {
-        let all = self.recordings()?;
-        let found = all.into_iter().find(|recording| recording.id == id);
+        let shelf = self.shelf();
+        let found = shelf.list()?.into_iter().find(|recording| recording.id == id);
         let recording = found.ok_or(RecordingError::Unknown)?;
-        let path = self.shared.read(|state, _| state.recorder.path(id, recording.drone));
+        let path = shelf.path(id, recording.drone);
         Ok((recording, path))
+    }
+
+    fn shelf(&self) -> Shelf {
+        self.shared.read(|state, _| state.recorder.shelf())
     }
 
     /// Ends a recording and takes its file away.

@@ -93,7 +93,7 @@ async fn extend(
     let set = app.store.insert_imageset(&fresh()?, &set).await?.id;
     let file = TemporaryFile(app.blobs.temporary());
     tokio::fs::write(&file.0, &image).await?;
-    let name = format!("{}.jpg", Uuid::now_v7());
+    let name = format!("frame_{}", Uuid::now_v7());
     let incoming =
         Incoming { imageset: set, name: &name, file: &file.0, prior: None, capture_time_ns: None };
     let kept = ingest(app, &incoming).await?;

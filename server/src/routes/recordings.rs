@@ -42,7 +42,7 @@ pub(crate) async fn list_recordings(
     State(app): State<Arc<App>>,
     _caller: Viewer,
 ) -> ApiResult<Json<Page<Recording>>> {
-    let items = drones(&app)?.recordings().map_err(refused)?;
+    let items = on_disk(app, Drones::recordings).await?;
     Ok(Json(Page { items, next_cursor: None }))
 }
 
@@ -70,7 +70,7 @@ pub(crate) async fn recording_file(
     At(id): At<Uuid>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let (recording, path) = drones(&app)?.recording(id).map_err(refused)?;
+    let (recording, path) = on_disk(app, move |drones| drones.recording(id)).await?;
     // A log only grows.
     let etag = format!("{id}-{}", recording.size);
     let file = FileAnswer { path, etag, media_type: "application/octet-stream" };
