@@ -58,11 +58,15 @@ const MAX_RE_RESECTIONS: usize = 3;
 const MIN_GAIN: f64 = 10.0;
 /// The end: a round changed a smaller part of the sightings.
 const STEADY_FRACTION: f64 = 5e-4;
+/// The end as well: a round changed more than this part of what the one before it did. Points on the
+/// brink of the limits come and go for ever.
+const FLICKER_FRACTION: f64 = 0.5;
 
+/// While the model grows every adjustment is followed by others, so none goes to the end.
 const LOCAL: BundleOptions =
-    BundleOptions { max_iterations: 12, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
+    BundleOptions { max_iterations: 12, loss_scale_px: Some(1.0), cost_tolerance: 1e-3 };
 const GLOBAL: BundleOptions =
-    BundleOptions { max_iterations: 15, loss_scale_px: Some(1.0), cost_tolerance: 1e-4 };
+    BundleOptions { max_iterations: 15, loss_scale_px: Some(1.0), cost_tolerance: 1e-3 };
 const FINAL: BundleOptions =
     BundleOptions { max_iterations: 40, loss_scale_px: Some(1.0), cost_tolerance: 1e-6 };
 
@@ -235,13 +239,16 @@ impl WorkingModel<'_> {
 
     /// Global rounds until the points are steady.
     pub(crate) fn finish(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
-        for round in 0..MAX_FINAL_ROUNDS {
-            let options = &GLOBAL;
-            let num_changed = self.refine(options, progress)?;
+        let mut before = self.refine(&GLOBAL, progress)?;
+        for _ in 1..MAX_FINAL_ROUNDS {
+            let num_changed = self.refine(&GLOBAL, progress)?;
             let num_active: usize = self.tracks.iter().map(|track| track.num_active()).sum();
-            if round > 0 && (num_changed as f64) <= STEADY_FRACTION * num_active as f64 {
+            let is_steady = num_changed as f64 <= STEADY_FRACTION * num_active as f64;
+            let flickers = num_changed as f64 > FLICKER_FRACTION * before as f64;
+            if is_steady || flickers {
                 break;
             }
+            before = num_changed;
         }
         for _ in 0..NUM_SEARCHES {
             self.search_by_projection();
