@@ -26,6 +26,8 @@ const MAX_DELAY: Duration = Duration::from_millis(500);
 /// Part of the rate asked for that is enough: more than half, which is all that comes of a message that
 /// is sent at half the rate without being asked.
 const ENOUGH: f64 = 0.7;
+/// By how many messages one can be overtaken; with a number further back a sender has started anew.
+const MAX_OVERTAKEN: u8 = 64;
 /// Requests of a message that never comes, before they become rare.
 const EAGER_REQUESTS: u32 = 5;
 
@@ -262,12 +264,14 @@ impl Link {
 
     fn count(&mut self, sequence: u8) {
         self.received += 1;
-        if let Some(last) = self.sequence {
-            let step = sequence.wrapping_sub(last);
-            // A step of more than half the circle is a late message, not a gap.
-            if (1..128).contains(&step) {
-                self.missed += u64::from(step - 1);
-            }
+        let step = self.sequence.map_or(1, |latest| sequence.wrapping_sub(latest));
+        if step > u8::MAX - MAX_OVERTAKEN {
+            // It has been counted as missed.
+            self.missed = self.missed.saturating_sub(1);
+            return;
+        }
+        if step < 128 {
+            self.missed += u64::from(step.saturating_sub(1));
         }
         self.sequence = Some(sequence);
     }

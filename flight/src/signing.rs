@@ -116,7 +116,8 @@ struct Taken {
 
 impl Taken {
     fn take(&mut self, time: u64) -> Result<(), SignatureError> {
-        if time <= self.floor || !self.times.insert(time) {
+        let is_late = self.times.last().is_some_and(|&latest| time + MAX_LATE < latest);
+        if is_late || time <= self.floor || !self.times.insert(time) {
             return Err(SignatureError::Replayed);
         }
         while let (Some(&oldest), Some(&latest)) = (self.times.first(), self.times.last()) {
@@ -190,3 +191,6 @@ impl Verifier {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

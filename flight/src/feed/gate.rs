@@ -13,8 +13,9 @@ use crate::{
     telemetry::Telemetry,
 };
 
-/// Poses may not come faster: ArduPilot drops them.
-const MIN_INTERVAL: Duration = Duration::from_millis(20);
+/// Poses may not come faster. Autopilots take fifty a second; a camera that gives as many gives
+/// them some milliseconds early or late, and which of those are too many is for them to say.
+const MIN_INTERVAL: Duration = Duration::from_millis(15);
 /// Telemetry older than this says nothing about now.
 const TELEMETRY_AGE: Duration = Duration::from_millis(500);
 /// A coordinate further out is not a place in a building.
@@ -72,6 +73,8 @@ struct Anchor {
     fix: PoseFix,
     /// Where it believed to be, and how it moved.
     estimate: Option<(Point3<f64>, Vector3<f64>)>,
+    /// From what it said so until the image, seconds.
+    ahead: f64,
     yaw: Option<f64>,
     /// From the image until the vehicle has the pose, seconds.
     delay: f64,
@@ -221,14 +224,14 @@ impl Anchor {
     fn new(fix: PoseFix, telemetry: &Telemetry, way: Duration, now: Duration) -> Self {
         let fresh = |at: Duration| now.saturating_sub(at) <= TELEMETRY_AGE;
         let motion = telemetry.motion.filter(|motion| fresh(motion.at));
-        let estimate = motion.map(|motion| {
-            // To the time of the image, so that what came at different times can be compared.
-            let ahead = fix.captured.as_secs_f64() - motion.at.as_secs_f64();
-            (motion.position + motion.velocity * ahead, motion.velocity)
-        });
+        // To the time of the image, so that what came at different times can be compared.
+        let ahead =
+            motion.map_or(0.0, |motion| fix.captured.as_secs_f64() - motion.at.as_secs_f64());
+        let estimate =
+            motion.map(|motion| (motion.position + motion.velocity * ahead, motion.velocity));
         let yaw = telemetry.yaw.filter(|&(_, at)| fresh(at)).map(|(yaw, _)| yaw);
         let delay = (now.saturating_sub(fix.captured) + way).as_secs_f64();
-        Self { fix, estimate, yaw, delay }
+        Self { fix, estimate, ahead, yaw, delay }
     }
 
     /// What it says of the estimator, if that said where it is.
@@ -238,6 +241,7 @@ impl Anchor {
             velocity,
             sd: self.fix.position_sd.max(MIN_SD.0),
             delay: self.delay,
+            ahead: self.ahead,
         })
     }
 

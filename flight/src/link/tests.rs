@@ -54,3 +54,18 @@ fn heartbeats_come_four_times_a_second() {
     let beats = beats.filter(|message| matches!(message, MavMessage::HEARTBEAT(_))).count();
     assert_eq!(beats, 40);
 }
+
+/// Dies if a message that was overtaken counts as missed, or as the newest.
+#[test]
+fn what_was_overtaken_is_not_lost() {
+    let loss = |sequences: &[u8]| {
+        let mut link = Link::new(Duration::ZERO);
+        for &sequence in sequences {
+            let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA::default());
+            link.take(ID, sequence, &heartbeat, Duration::ZERO);
+        }
+        link.loss()
+    };
+    assert_eq!(loss(&[250, 252, 251, 254, 253, 255, 1, 0, 2]), 0.0);
+    assert_eq!(loss(&[254, 255, 2, 1, 3]), 1.0 / 6.0);
+}
