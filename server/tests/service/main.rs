@@ -10,6 +10,7 @@ mod independent_drones;
 mod jobs;
 mod leases;
 mod maps;
+mod mavlink_peers;
 mod parts;
 mod recordings;
 mod socket;

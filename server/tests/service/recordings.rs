@@ -56,7 +56,7 @@ async fn a_flight_is_recorded_and_seen_again() {
     assert!(records.is_sorted_by_key(|record| record.time));
     let senders: BTreeSet<u8> = records.iter().map(system_id).collect();
     assert_eq!(senders, [1, 255].into());
-    if let Some(python) = support::python() {
+    if let Some(python) = support::python("pymavlink") {
         let file = server.folder.0.join("flight.tlog");
         std::fs::write(&file, &log).unwrap();
         let run = Command::new(python).args(["-c", COUNT]).arg(&file).output().unwrap();

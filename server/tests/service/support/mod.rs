@@ -1,6 +1,7 @@
 //! A service over a folder of its own, and a client that speaks plain HTTP to it.
 
 pub(crate) mod field;
+pub(crate) mod peers;
 
 use std::{
     io::{Read, Write},
@@ -229,16 +230,16 @@ impl Client {
     }
 }
 
-/// A Python with pymavlink, or `None`, said aloud.
-pub(crate) fn python() -> Option<PathBuf> {
+/// A Python with `modules`, as after `import`, or `None`, said aloud.
+pub(crate) fn python(modules: &str) -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_BIN_EXE_fake-worker")).parent()?.parent()?;
     let pythons = [target.join("pymavlink/bin/python"), PathBuf::from("python3")];
     let python = pythons.into_iter().find(|python| {
-        let check = Command::new(python).args(["-c", "import pymavlink"]).output();
+        let check = Command::new(python).args(["-c", &format!("import {modules}")]).output();
         check.is_ok_and(|output| output.status.success())
     });
     if python.is_none() {
-        eprintln!("SKIPPED: no Python with pymavlink; ./run test installs one");
+        eprintln!("SKIPPED: no Python with {modules}; ./run test installs one");
     }
     python
 }
