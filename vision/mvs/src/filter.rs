@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use volery_scene::DepthMap;
 
-use crate::related::{Related, related};
+use crate::related::{Related, SAME_DEPTH, related};
 
 /// Other maps that are asked.
 const MAX_RELATED: usize = 12;
@@ -11,10 +11,9 @@ const MAX_RELATED: usize = 12;
 const SAME_PIXEL_PX: f32 = 2.0;
 /// Relative distance by which a point must lie in front of a surface that is seen behind it.
 const IN_FRONT: f32 = 0.03;
-/// Other maps that have to confirm a pixel; of a pixel with [`SURE`] confidence one less.
-const MIN_CONFIRMATIONS: usize = 2;
-/// Confidence of pixels that correlate well.
-const SURE: u8 = 140;
+/// Relative difference of depth within which another map confirms a pixel by half, as both are noisy:
+/// two such maps are as good as one within [`SAME_DEPTH`].
+const HALF_CONFIRMED: f32 = 2.0 * SAME_DEPTH;
 /// Confidence below which a pixel is not worth asking for, and its map no witness.
 const MIN_CONFIDENCE: u8 = 40;
 /// Pixels of a connected piece of surface that is too small to be one.
@@ -22,8 +21,8 @@ const MIN_PIECE: usize = 60;
 /// Relative difference of depth within which neighboring pixels are connected.
 const CONNECTED: f32 = 0.02;
 
-/// Forgets the pixels that too few other maps confirm, those that more maps see through
-/// than confirm (P43), and small pieces.
+/// Forgets the pixels that no other map confirms, those that more maps see through than confirm
+/// (P43), and small pieces.
 pub fn filter_depth_maps(maps: &[DepthMap]) -> Vec<DepthMap> {
     maps.par_iter().map(|map| confirmed(map, maps.iter())).collect()
 }
@@ -67,22 +66,21 @@ fn is_confirmed(map: &DepthMap, index: usize, related: &[Related]) -> bool {
     if map.depth[index] <= 0.0 || map.confidence[index] < MIN_CONFIDENCE {
         return false;
     }
-    let (mut confirmed, mut seen_through) = (0, 0);
+    let (mut halves, mut seen_through) = (0, 0);
     for other in related {
         let Some(landing) = other.landing(map, index) else { continue };
         if other.map.confidence[landing.pixel] < MIN_CONFIDENCE {
             continue;
         }
-        if other.is_same_surface(map, index, &landing)
+        if other.is_same_surface(map, index, &landing, HALF_CONFIRMED)
             && other.round_trip_px(map, index, &landing) < SAME_PIXEL_PX
         {
-            confirmed += 1;
+            halves += if landing.difference() <= SAME_DEPTH { 2 } else { 1 };
         } else if landing.depth < landing.known * (1.0 - IN_FRONT) {
             seen_through += 1;
         }
     }
-    let enough = MIN_CONFIRMATIONS - usize::from(map.confidence[index] >= SURE);
-    confirmed >= enough && confirmed > seen_through
+    halves >= 2 && halves > 2 * seen_through
 }
 
 /// Forgets connected pieces of fewer than [`MIN_PIECE`] pixels.
@@ -172,6 +170,18 @@ mod tests {
             assert!(middle(12).all(|index| kept[1].depth[index] == 0.0));
             assert!(kept[1].depth[0] == 2.0);
         }
+    }
+
+    /// A map that is off by 1.5 % needs two others; off by 3 % it stands alone.
+    #[test]
+    fn two_that_nearly_agree_confirm_as_one_that_agrees() {
+        let num_kept = |num_views: u32, depth: f32| {
+            let mut maps = views(num_views);
+            maps[0].depth.fill(depth);
+            filter_depth_maps(&maps)[0].num_known()
+        };
+        assert!(num_kept(2, 2.0) > 1000 && num_kept(3, 2.03) > 1000);
+        assert_eq!((num_kept(2, 2.03), num_kept(3, 2.06)), (0, 0));
     }
 
     /// Two maps agree on a surface that four others look through (P43).

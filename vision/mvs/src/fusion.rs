@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use volery_scene::{DepthMap, OrientedPoint, PointCloud};
 
-use crate::related::{Related, related};
+use crate::related::{Related, SAME_DEPTH, related};
 
 /// Other maps that a point is averaged over.
 const MAX_RELATED: usize = 16;
@@ -47,7 +47,7 @@ fn fuse_pixel(map: &DepthMap, index: usize, related: &[Related]) -> Option<Orien
     let mut confidence = map.confidence[index];
     for other in related {
         let Some(landing) = other.landing(map, index) else { continue };
-        if !other.is_same_surface(map, index, &landing) {
+        if !other.is_same_surface(map, index, &landing, SAME_DEPTH) {
             continue;
         }
         if rank(other.map, landing.pixel) < own_rank {

@@ -8,7 +8,7 @@ use crate::source::Transfer;
 /// Pixels per row and column of the grid on which maps are compared.
 const GRID: usize = 16;
 /// Relative difference of depth within which two maps see the same surface.
-const SAME_DEPTH: f32 = 0.01;
+pub(crate) const SAME_DEPTH: f32 = 0.01;
 /// Least cosine between the normals of one surface in two maps.
 const SAME_NORMAL_COS: f32 = 0.5;
 /// Part of the grid that another map has to show.
@@ -32,6 +32,13 @@ pub(crate) struct Landing {
     pub(crate) depth: f32,
     /// Depth that the map has there.
     pub(crate) known: f32,
+}
+
+impl Landing {
+    /// Between the depths, relative to the map's.
+    pub(crate) fn difference(&self) -> f32 {
+        (self.depth - self.known).abs() / self.known
+    }
 }
 
 impl<'a> Related<'a> {
@@ -61,10 +68,15 @@ impl<'a> Related<'a> {
         (known > 0.0).then_some(Landing { pixel, depth: z / w, known })
     }
 
-    /// Whether the pixel and its landing agree in depth and normal.
-    pub(crate) fn is_same_surface(&self, own: &DepthMap, index: usize, landing: &Landing) -> bool {
-        let near = (landing.depth - landing.known).abs() <= SAME_DEPTH * landing.known;
-        near && {
+    /// Whether the pixel and its landing agree in normal, and in depth but for the part `slack`.
+    pub(crate) fn is_same_surface(
+        &self,
+        own: &DepthMap,
+        index: usize,
+        landing: &Landing,
+        slack: f32,
+    ) -> bool {
+        landing.difference() <= slack && {
             let normal = self.rotation_from_own * Vector3::from(own.normals[index]);
             normal.dot(&Vector3::from(self.map.normals[landing.pixel])) > SAME_NORMAL_COS
         }
@@ -109,9 +121,7 @@ fn num_shown(own: &DepthMap, relation: &Related<'_>) -> usize {
     grid.filter(|&(i, j)| {
         let index = at(j, own.height()) * own.width() + at(i, own.width());
         own.depth[index] > 0.0
-            && relation
-                .landing(own, index)
-                .is_some_and(|l| (l.depth - l.known).abs() < SAME * l.known)
+            && relation.landing(own, index).is_some_and(|l| l.difference() < SAME)
     })
     .count()
 }
