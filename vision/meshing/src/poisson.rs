@@ -26,6 +26,7 @@ mod density;
 mod field;
 mod free;
 mod isosurface;
+mod noise;
 mod octree;
 mod polygons;
 mod relax;
@@ -41,6 +42,7 @@ mod tests;
 use density::Density;
 use field::Weighted;
 use isosurface::isosurface;
+use noise::{noise_in_cells, screening_under};
 use octree::{BASE_DEPTH, Octree};
 use rows::Rows;
 use samples::{Samples, cell_of};
@@ -57,7 +59,8 @@ const DENSITY_DEPTH_OFFSET: u32 = 2;
 pub struct PoissonOptions {
     /// Greatest depth of the octree: the finest cells are the cube's side / 2^depth.
     pub depth: u32,
-    /// α, how strongly the surface is drawn to the samples; 0 is the unscreened method.
+    /// α, how strongly the surface is drawn to samples without noise, less to others; 0 is the
+    /// unscreened method.
     pub screening: f64,
     /// Samples that a cell should hold: where there are fewer, coarser cells are used. More for
     /// noisy clouds.
@@ -66,7 +69,7 @@ pub struct PoissonOptions {
 
 impl Default for PoissonOptions {
     fn default() -> Self {
-        Self { depth: 9, screening: 2.0, samples_per_cell: 1.5 }
+        Self { depth: 9, screening: 16.0, samples_per_cell: 1.5 }
     }
 }
 
@@ -108,7 +111,8 @@ pub fn reconstruct_surface(
         per_area.iter().map(|&d| density.depth(d).clamp(BASE_DEPTH as f32, finest)).collect();
     let octree = Octree::around(&sample_cells(&samples, &depths, options.depth));
     let weighted = Weighted { samples: &samples, areas: &areas, depths: &depths };
-    let solution = Solution::solve(&octree, weighted, options.screening as f32, progress)?;
+    let screening = screening_under(noise_in_cells(&samples, &depths), options.screening as f32);
+    let solution = Solution::solve(&octree, weighted, screening, progress)?;
     let iso_value = solution.mean_at(&octree, weighted);
     let mesh = isosurface(&octree, &solution, iso_value);
     let unit_area = (samples.cube.side * samples.cube.side) as f32;
