@@ -1,9 +1,14 @@
 //! Start and end of the service.
 
-use std::{fs::File, io::Write, net::SocketAddr, sync::Arc, time::Duration};
+use std::{
+    fs::{File, TryLockError},
+    io::Write,
+    net::SocketAddr,
+    sync::Arc,
+    time::Duration,
+};
 
 use futures_util::future::BoxFuture;
-use rustix::fs::{FlockOperation, flock};
 use tokio::{net::TcpListener, task::JoinHandle};
 use volery_api::Role;
 
@@ -63,7 +68,7 @@ pub struct RunningServer {
     app: Arc<App>,
     tasks: Vec<JoinHandle<()>>,
     /// Held as long as the folder is in use.
-    _lock: File,
+    lock: File,
 }
 
 impl RunningServer {
@@ -88,6 +93,10 @@ impl RunningServer {
             drones.close();
         }
         self.app.store.close().await;
+        // Closing the file is not enough: a process that is just being started holds a copy.
+        if let Err(error) = self.lock.unlock() {
+            tracing::warn!("cannot unlock the data folder: {error}");
+        }
     }
 }
 
@@ -105,8 +114,10 @@ async fn open(config: Config) -> Result<RunningServer, ServeError> {
     std::fs::create_dir_all(&config.data)?;
     let config = Config { data: std::fs::canonicalize(&config.data)?, ..config };
     let lock = File::create(config.data.join("lock"))?;
-    if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
-        return Err(ServeError::FolderInUse(config.data));
+    match lock.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => return Err(ServeError::FolderInUse(config.data)),
+        Err(TryLockError::Error(error)) => return Err(error.into()),
     }
     let listen = config.listen;
     let listener =
@@ -127,7 +138,7 @@ async fn open(config: Config) -> Result<RunningServer, ServeError> {
         tokio::spawn(write_down(Arc::clone(&app), audited)),
     ];
     tracing::info!(%addr, "listening on {addr}");
-    Ok(RunningServer { addr, admin_token, app, tasks, _lock: lock })
+    Ok(RunningServer { addr, admin_token, app, tasks, lock })
 }
 
 /// Serves until `shutdown` is ready. Prints the address, and at the first start the first admin
