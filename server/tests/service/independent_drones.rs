@@ -10,7 +10,7 @@ use volery_server::MavlinkSettings;
 
 use crate::support::{
     self, Server,
-    peers::{self, Peers, tour},
+    peers::{self, Peers, tour, until_undisturbed},
 };
 
 const COUNT: u8 = 3;
@@ -30,27 +30,9 @@ impl Trial {
     }
 }
 
-/// A machine that is busy with other things stands still now and then, and drones in real time fly
-/// on without poses meanwhile: such a flight says nothing of the service.
-const STANDSTILL: Duration = Duration::from_millis(150);
-const MAX_ATTEMPTS: usize = 3;
-
-/// Flies until a flight is good, or fails on a machine that kept pace.
-async fn fly(trial: Trial, python: &Path, script: &Path) {
-    for attempt in 1.. {
-        let (worst, silence) = fly_once(trial, python, script).await;
-        println!("{trial:?}: worst true error at a target {worst:?} m, longest pause {silence:?}");
-        if worst.as_ref().is_ok_and(|worst| *worst <= trial.limit()) {
-            return;
-        }
-        assert!(silence > STANDSTILL && attempt < MAX_ATTEMPTS, "{trial:?}: {worst:?}");
-        println!("{trial:?}: the machine stood still; flown again");
-    }
-}
-
 /// Discovered, fed, taken off, five targets each, landed; the worst true error at a target, and
 /// the longest pause of the simulator.
-async fn fly_once(trial: Trial, python: &Path, script: &Path) -> (Result<f64, String>, Duration) {
+async fn fly(trial: Trial, python: &Path, script: &Path) -> (Result<f64, String>, Duration) {
     let what = format!("{trial:?}");
     let server = Server::start_with(|config| {
         let listen = SocketAddr::from(([127, 0, 0, 1], 0));
@@ -109,7 +91,10 @@ async fn drones_of_others_fly_to_their_targets() {
             .iter()
             .map(|&trial| {
                 let (python, script) = (python.clone(), script.clone());
-                tokio::spawn(async move { fly(trial, &python, &script).await })
+                let what = format!("{trial:?}");
+                tokio::spawn(async move {
+                    until_undisturbed(&what, trial.limit(), || fly(trial, &python, &script)).await;
+                })
             })
             .collect();
         for flight in flights {
