@@ -90,13 +90,13 @@ pub struct AuditEntry {
     pub name: String,
     /// Of the token.
     pub role: Role,
-    /// Of HTTP.
+    /// Of HTTP; `WS` for a message over a socket.
     pub method: String,
     /// What was asked for.
     pub path: String,
     /// How it was answered; 400 and more was not done.
     pub status: u16,
-    /// What a drone was commanded to do, JSON.
+    /// What a drone was commanded to do, or what was said over a socket, JSON.
     pub detail: Option<String>,
 }
 

@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::{
-    Camera, DroneAlert, DroneCommandStatus, DroneState, FlightNews, FrameTelemetry, ImageEncoding,
-    JobEvent, LocalizeAnswer, LocalizePrior, TrackedFrame,
+    Camera, CreateLease, DroneAlert, DroneCommandStatus, DroneState, FlightNews, FrameTelemetry,
+    ImageEncoding, JobEvent, Lease, LocalizeAnswer, LocalizePrior, TrackedFrame,
 };
 
 /// First two bytes of a binary frame: `VY`.
@@ -68,6 +68,22 @@ pub enum ClientBody {
     StreamClose {
         /// As opened.
         stream_id: u32,
+    },
+    /// Takes drones, as `POST /v1/leases` does. The lease is over when the socket is, too: its drones
+    /// hold at once.
+    #[serde(rename = "lease")]
+    Lease(CreateLease),
+    /// Renews a lease.
+    #[serde(rename = "lease.renew")]
+    LeaseRenew {
+        /// Which one.
+        lease_id: Uuid,
+    },
+    /// Gives a lease back: its drones hold.
+    #[serde(rename = "lease.release")]
+    LeaseRelease {
+        /// Which one.
+        lease_id: Uuid,
     },
     /// Asks for a `pong`.
     #[serde(rename = "ping")]
@@ -303,6 +319,18 @@ pub enum ServerBody {
         reason: String,
         /// For people.
         detail: Option<String>,
+    },
+    /// Drones are leased: answer to `lease` and `lease.renew`.
+    #[serde(rename = "leased")]
+    Leased {
+        /// As REST answers it.
+        lease: Lease,
+    },
+    /// A lease is over, as asked.
+    #[serde(rename = "lease.released")]
+    LeaseReleased {
+        /// Which one.
+        lease_id: Uuid,
     },
     /// Answer to `ping`.
     #[serde(rename = "pong")]

@@ -69,19 +69,25 @@ pub(crate) async fn note(
     let mut response = next.run(request).await;
     let detail = response.extensions_mut().remove::<Detail>().map(|detail| detail.0);
     if let Some(caller) = who.0.get() {
-        let entry = NewAuditEntry {
+        app.audit(NewAuditEntry {
             time_ms: clock::now_ms(),
             caller: caller.clone(),
             method,
             path,
             status: response.status().as_u16(),
             detail,
-        };
-        if app.audit.0.try_send(entry).is_err() {
-            add(&app.metrics.audit_lost, 1);
-        }
+        });
     }
     response
+}
+
+impl App {
+    /// Hands over an entry.
+    pub(crate) fn audit(&self, entry: NewAuditEntry) {
+        if self.audit.0.try_send(entry).is_err() {
+            add(&self.metrics.audit_lost, 1);
+        }
+    }
 }
 
 /// Writes entries until the service closes down, those that wait then, too.

@@ -24,10 +24,15 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
+    /// Of what is made once for each request.
+    pub(crate) fn fresh() -> Self {
+        Self { id: Uuid::now_v7(), keyed: false }
+    }
+
     /// From the key of a request to `route`, else a fresh one.
     pub(crate) fn of(caller: &Caller, route: &str, headers: &HeaderMap) -> ApiResult<Self> {
         let Some(key) = headers.get(IDEMPOTENCY_KEY) else {
-            return Ok(Self { id: Uuid::now_v7(), keyed: false });
+            return Ok(Self::fresh());
         };
         let key = key.as_bytes();
         if key.is_empty() || key.len() > 255 {

@@ -11,7 +11,7 @@ use crate::{
     audit::Audit,
     auth::Guard,
     config::Config,
-    error::{ApiError, ApiResult},
+    error::{ApiError, ApiResult, Code},
     fleet::Drones,
     metrics::Metrics,
     pictures::Pictures,
@@ -95,6 +95,14 @@ impl App {
             store,
             blobs,
         }))
+    }
+
+    /// The link to drones, if the service has one.
+    pub(crate) fn drones(&self) -> ApiResult<&Drones> {
+        self.drones.as_ref().ok_or_else(|| {
+            ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
+                .hint("start it with --mavlink")
+        })
     }
 
     /// Work folder of a job.

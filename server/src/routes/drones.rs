@@ -20,16 +20,9 @@ use crate::{
     auth::{Admin, Pilot, Stopper, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{Asked, At, Body},
-    fleet::{Drones, NotCommanded, parse_key},
+    fleet::{NotCommanded, parse_key},
     state::App,
 };
-
-pub(super) fn drones(app: &App) -> ApiResult<&Drones> {
-    app.drones.as_ref().ok_or_else(|| {
-        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
-            .hint("start it with --mavlink")
-    })
-}
 
 pub(super) fn not_heard(id: u8) -> ApiError {
     ApiError::not_found("drone", id).hint("GET /v1/drones lists the drones that are heard")
@@ -42,7 +35,7 @@ pub(crate) async fn list_drones(
     State(app): State<Arc<App>>,
     _caller: Viewer,
 ) -> ApiResult<Json<Page<Drone>>> {
-    Ok(Json(Page { items: drones(&app)?.list(), next_cursor: None }))
+    Ok(Json(Page { items: app.drones()?.list(), next_cursor: None }))
 }
 
 /// One drone.
@@ -54,7 +47,7 @@ pub(crate) async fn get_drone(
     _caller: Viewer,
     At(id): At<u8>,
 ) -> ApiResult<Json<Drone>> {
-    drones(&app)?.get(id).map(Json).ok_or_else(|| not_heard(id))
+    app.drones()?.get(id).map(Json).ok_or_else(|| not_heard(id))
 }
 
 /// Registers a drone or replaces its settings. Drones need not be registered to be heard.
@@ -80,7 +73,7 @@ pub(crate) async fn patch_drone(
     At(id): At<u8>,
     Body(change): Body<PatchDrone>,
 ) -> ApiResult<Json<Drone>> {
-    let known = drones(&app)?.settings(id).ok_or_else(|| {
+    let known = app.drones()?.settings(id).ok_or_else(|| {
         ApiError::not_found("registered drone", id).hint("PUT /v1/drones/{id} registers it")
     })?;
     save(&app, id, change.applied_to(known)).await.map(Json)
@@ -88,7 +81,7 @@ pub(crate) async fn patch_drone(
 
 /// Keeps settings that make sense, and flies by them.
 async fn save(app: &App, id: u8, drone: PutDrone) -> ApiResult<Drone> {
-    let drones = drones(app)?;
+    let drones = app.drones()?;
     check_name(&drone.name)?;
     if drone.signing_key.as_deref().is_some_and(|key| parse_key(key).is_none()) {
         let code = Code::Unprocessable("bad_signing_key");
@@ -115,7 +108,7 @@ pub(crate) async fn delete_drone(
     _caller: Admin,
     At(id): At<u8>,
 ) -> ApiResult<Deleted> {
-    let drones = drones(&app)?;
+    let drones = app.drones()?;
     app.store.delete_drone(id).await?;
     if drones.unregister(id) { Ok(Deleted) } else { Err(not_heard(id)) }
 }
@@ -129,7 +122,7 @@ pub(crate) async fn drone_state(
     _caller: Viewer,
     At(id): At<u8>,
 ) -> ApiResult<Json<DroneState>> {
-    drones(&app)?.state(id).map(Json).ok_or_else(|| not_heard(id))
+    app.drones()?.state(id).map(Json).ok_or_else(|| not_heard(id))
 }
 
 /// What happened to a drone lately.
@@ -143,7 +136,7 @@ pub(crate) async fn drone_events(
     Asked(query): Asked<EventsQuery>,
 ) -> ApiResult<Json<Page<DroneEvent>>> {
     let limit = at_most(&query)?;
-    let mut items = drones(&app)?.events(id, query.after.unwrap_or(0));
+    let mut items = app.drones()?.events(id, query.after.unwrap_or(0));
     items.truncate(limit as usize);
     Ok(Json(Page { items, next_cursor: None }))
 }
@@ -159,7 +152,7 @@ pub(crate) async fn command_drone(
     Body(command): Body<DroneCommand>,
 ) -> ApiResult<Response> {
     let detail = Detail(serde_json::to_string(&command)?);
-    let answer = match drones(&app)?.command(&caller, id, &command) {
+    let answer = match app.drones()?.command(&caller, id, &command) {
         Ok(status) => {
             tracing::info!(token = %caller.id, drone = id, ?command, "drone {id} is commanded");
             let location = format!("/v1/drones/{id}/commands/{}", status.id);
@@ -180,7 +173,7 @@ pub(crate) async fn drone_command(
     _caller: Viewer,
     At((id, command)): At<(u8, u64)>,
 ) -> ApiResult<Json<DroneCommandStatus>> {
-    drones(&app)?
+    app.drones()?
         .command_status(command)
         .filter(|status| status.drone == id)
         .map(Json)
@@ -198,7 +191,7 @@ pub(crate) async fn drone_pose(
     At(id): At<u8>,
     Body(pose): Body<DronePose>,
 ) -> ApiResult<Json<DronePoseAnswer>> {
-    let sent = drones(&app)?.pose(id, &pose);
+    let sent = app.drones()?.pose(id, &pose);
     let reason = sent.err().map(|refusal| refusal.to_string());
     Ok(Json(DronePoseAnswer { sent: reason.is_none(), reason }))
 }
@@ -211,7 +204,7 @@ pub(crate) async fn all_stop(
     State(app): State<Arc<App>>,
     Stopper(caller): Stopper,
 ) -> ApiResult<Json<AllStopped>> {
-    let stopped = drones(&app)?.all_stop();
+    let stopped = app.drones()?.all_stop();
     tracing::warn!(token = %caller.id, drones = stopped.commands.len(), "all drones are stopped");
     Ok(Json(stopped))
 }

@@ -12,7 +12,7 @@ use volery_api::{CreateFlight, CreateTarget, Flight, Geofence, MapVersion, Targe
 use volery_flight::{VehicleId, group::Air};
 use volery_formats::read_occupancy;
 
-use super::drones::{drones, not_heard};
+use super::drones::not_heard;
 use crate::{
     answer::{Accepted, Created, Deleted},
     auth::{Caller, Pilot, Viewer},
@@ -36,20 +36,21 @@ pub(crate) async fn create_flight(
     _caller: Pilot,
     Body(request): Body<CreateFlight>,
 ) -> ApiResult<Created<Flight>> {
-    drones(&app)?;
+    app.drones()?;
     let version = app.store.version(request.map_id, None).await?;
     let fence = app.store.geofence(request.map_id).await?;
     let mut space = Space::of(request.map_id, &version.info, fence.as_ref())?;
     space.air = air(&app, &version, request.allow_unseen).await?;
     let own: Vec<VehicleId> = request.drones.iter().map(|drone| VehicleId(drone.id)).collect();
     // Planning may take a second with many drones, and the drones' link must not wait for it.
-    let (fleet, others) = drones(&app)?
+    let (fleet, others) = app
+        .drones()?
         .read_flights(|flights, fleet, _| (fleet.clone(), flights.others(&own, fleet)));
     let map = space.map;
     let planned = tokio::task::spawn_blocking(move || plan(&request, space, &fleet, others));
     let conductor = planned.await??;
     let id = Uuid::now_v7();
-    let flight = drones(&app)?.flights(|flights, _, _| flights.insert(id, map, conductor));
+    let flight = app.drones()?.flights(|flights, _, _| flights.insert(id, map, conductor));
     Ok(Created(format!("/v1/flights/{id}"), flight.map_err(refused)?))
 }
 
@@ -66,12 +67,12 @@ pub(crate) async fn fly_to_target(
     Body(request): Body<CreateTarget>,
 ) -> ApiResult<Response> {
     let vehicle = VehicleId(id);
-    drones(&app)?.get(id).ok_or_else(|| not_heard(id))?;
+    app.drones()?.get(id).ok_or_else(|| not_heard(id))?;
     let version = app.store.version(request.map_id, None).await?;
     let fence = app.store.geofence(request.map_id).await?;
     let mut space = Space::of(request.map_id, &version.info, fence.as_ref())?;
     space.air = air(&app, &version, request.allow_unseen).await?;
-    let (fleet, others, now) = drones(&app)?.read_flights(|flights, fleet, now| {
+    let (fleet, others, now) = app.drones()?.read_flights(|flights, fleet, now| {
         (fleet.clone(), flights.others(&[vehicle], fleet), now)
     });
     let (map, dry_run) = (space.map, request.dry_run);
@@ -81,7 +82,7 @@ pub(crate) async fn fly_to_target(
     if dry_run {
         return Ok(Json(target).into_response());
     }
-    let flight = drones(&app)?.fly_to(&caller, id, map, flight?).map_err(refused)?;
+    let flight = app.drones()?.fly_to(&caller, id, map, flight?).map_err(refused)?;
     tracing::info!(token = %caller.id, drone = id, flight = %flight.id, "drone {id} flies to a target");
     let target = under_way(target, flight.id);
     Ok(Accepted(format!("/v1/flights/{}", flight.id), target).into_response())
@@ -109,7 +110,7 @@ pub(crate) async fn list_flights(
     State(app): State<Arc<App>>,
     _caller: Viewer,
 ) -> ApiResult<Json<Vec<Flight>>> {
-    Ok(Json(drones(&app)?.read_flights(|flights, _, _| flights.list())))
+    Ok(Json(app.drones()?.read_flights(|flights, _, _| flights.list())))
 }
 
 /// One flight: its plan, its state, what happened.
@@ -121,7 +122,7 @@ pub(crate) async fn get_flight(
     _caller: Viewer,
     At(id): At<Uuid>,
 ) -> ApiResult<Json<Flight>> {
-    let flight = drones(&app)?.read_flights(|flights, _, _| flights.get(id));
+    let flight = app.drones()?.read_flights(|flights, _, _| flights.get(id));
     flight.map(Json).ok_or_else(|| ApiError::not_found("flight", id))
 }
 
@@ -214,7 +215,7 @@ pub(crate) async fn delete_geofence(
 }
 
 fn wish(app: &App, caller: &Caller, id: Uuid, wish: Wish) -> ApiResult<Accepted<Flight>> {
-    let flight = drones(app)?.wish(caller, id, wish).map_err(refused)?;
+    let flight = app.drones()?.wish(caller, id, wish).map_err(refused)?;
     Ok(Accepted(format!("/v1/flights/{id}"), flight))
 }
 

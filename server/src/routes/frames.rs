@@ -20,7 +20,7 @@ use volery_api::{
 };
 
 use super::{
-    drones::{drones, not_heard},
+    drones::not_heard,
     files::unchanged,
     ingest::{Incoming, TemporaryFile, ingest},
     jobs::submit,
@@ -57,7 +57,7 @@ pub(crate) async fn drone_frame(
     request: Request,
 ) -> ApiResult<Json<FrameAnswer>> {
     let arrived = Instant::now();
-    drones(&app)?.get(id).ok_or_else(|| not_heard(id))?;
+    app.drones()?.get(id).ok_or_else(|| not_heard(id))?;
     let age = Duration::try_from_secs_f64(asked.age_ms.unwrap_or(0.0) / 1e3).map_err(|_| {
         ApiError::new(Code::Unprocessable("bad_number"), "age_ms is a time in the past")
     })?;
@@ -69,7 +69,7 @@ pub(crate) async fn drone_frame(
     let (image, camera) = (query.image.clone(), query.camera.clone());
     let answer = localize_in(&app, &version, query, arrived).await?;
     let is_metric = version.info["scale"]["metric"].as_bool().unwrap_or(false);
-    let place = drones(&app)?.frame(id, captured, &answer.localization, is_metric);
+    let place = app.drones()?.frame(id, captured, &answer.localization, is_metric);
     let has_place = answer.localization.status == LocalizeStatus::Ok;
     let job_id = if asked.extend && has_place {
         Some(extend(&app, &caller, id, asked.map_id, image, camera).await?)

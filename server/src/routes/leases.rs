@@ -6,10 +6,9 @@ use axum::{Json, extract::State, http::HeaderMap};
 use uuid::Uuid;
 use volery_api::{CreateLease, Lease, Page};
 
-use super::drones::drones;
 use crate::{
     answer::{Created, Deleted},
-    auth::{Pilot, Viewer},
+    auth::{Caller, Pilot, Viewer},
     error::{ApiError, ApiResult, Code},
     extract::{At, Body},
     fleet::LeaseRefusal,
@@ -28,10 +27,21 @@ pub(crate) async fn create_lease(
     Body(request): Body<CreateLease>,
 ) -> ApiResult<Created<Lease>> {
     let identity = Identity::of(&caller, "/v1/leases", &headers)?;
-    let lease = drones(&app)?.lease(&caller, identity, &request).map_err(refused)?;
+    let lease = take(&app, &caller, identity, &request)?;
+    Ok(Created(format!("/v1/leases/{}", lease.id), lease))
+}
+
+/// Takes a lease for a caller who may command drones.
+pub(crate) fn take(
+    app: &App,
+    caller: &Caller,
+    identity: Identity,
+    request: &CreateLease,
+) -> ApiResult<Lease> {
+    let lease = app.drones()?.lease(caller, identity, request).map_err(refused)?;
     tracing::info!(token = %caller.id, lease = %lease.id, drones = ?lease.drones, ttl_ms = lease.ttl_ms,
         "drones {:?} are leased by {}", lease.drones, lease.holder);
-    Ok(Created(format!("/v1/leases/{}", lease.id), lease))
+    Ok(lease)
 }
 
 /// Leases that are not over.
@@ -41,7 +51,7 @@ pub(crate) async fn list_leases(
     State(app): State<Arc<App>>,
     _caller: Viewer,
 ) -> ApiResult<Json<Page<Lease>>> {
-    Ok(Json(Page { items: drones(&app)?.leases(), next_cursor: None }))
+    Ok(Json(Page { items: app.drones()?.leases(), next_cursor: None }))
 }
 
 /// Renews a lease: from now on it lasts for its whole time again.
@@ -53,7 +63,12 @@ pub(crate) async fn renew_lease(
     Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Json<Lease>> {
-    drones(&app)?.renew_lease(&caller, id).map(Json).map_err(refused)
+    renew(&app, &caller, id).map(Json)
+}
+
+/// Renews a lease of a caller.
+pub(crate) fn renew(app: &App, caller: &Caller, id: Uuid) -> ApiResult<Lease> {
+    app.drones()?.renew_lease(caller, id).map_err(refused)
 }
 
 /// Ends a lease: its drones hold.
@@ -65,9 +80,14 @@ pub(crate) async fn delete_lease(
     Pilot(caller): Pilot,
     At(id): At<Uuid>,
 ) -> ApiResult<Deleted> {
-    drones(&app)?.release(&caller, id).map_err(refused)?;
+    release(&app, &caller, id).map(|()| Deleted)
+}
+
+/// Ends a lease of a caller.
+pub(crate) fn release(app: &App, caller: &Caller, id: Uuid) -> ApiResult<()> {
+    app.drones()?.release(caller, id).map_err(refused)?;
     tracing::info!(token = %caller.id, lease = %id, "lease {id} is given back");
-    Ok(Deleted)
+    Ok(())
 }
 
 pub(super) fn refused(refusal: LeaseRefusal) -> ApiError {

@@ -7,7 +7,7 @@ use uuid::Uuid;
 use volery_api::{CreateRecording, Page, Recording};
 
 use super::{
-    drones::{drones, not_heard},
+    drones::not_heard,
     files::{FileAnswer, answer_file},
 };
 use crate::{
@@ -27,7 +27,7 @@ pub(crate) async fn start_recording(
     _caller: Pilot,
     Body(CreateRecording { drone }): Body<CreateRecording>,
 ) -> ApiResult<Created<Recording>> {
-    let started = drones(&app)?.start_recording(drone);
+    let started = app.drones()?.start_recording(drone);
     let recording = started.map_err(|error| match error {
         RecordingError::NotHeard => not_heard(drone),
         error => refused(error),
@@ -94,7 +94,7 @@ async fn on_disk<T: Send + 'static>(
     app: Arc<App>,
     work: impl FnOnce(&Drones) -> Result<T, RecordingError> + Send + 'static,
 ) -> ApiResult<T> {
-    tokio::task::spawn_blocking(move || work(drones(&app)?).map_err(refused)).await?
+    tokio::task::spawn_blocking(move || work(app.drones()?).map_err(refused)).await?
 }
 
 fn refused(error: RecordingError) -> ApiError {

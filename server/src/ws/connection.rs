@@ -11,7 +11,7 @@ use volery_api::ws::{
     split_frame,
 };
 
-use super::{stream::Stream, topics};
+use super::{leases::Leases, stream::Stream, topics};
 use crate::{
     auth::Caller,
     clock,
@@ -72,6 +72,7 @@ pub(super) async fn run(app: Arc<App>, caller: Caller, socket: WebSocket, max_fr
         outbox: Outbox(sender),
         topics: HashMap::new(),
         streams: HashMap::new(),
+        leases: Leases::new(&app, &caller),
         next_stream: 1,
     };
     let hello = ServerBody::Hello {
@@ -155,6 +156,7 @@ struct Connection {
     outbox: Outbox,
     topics: HashMap<String, Task>,
     streams: HashMap<u32, Stream>,
+    leases: Leases,
     next_stream: u32,
 }
 
@@ -214,6 +216,9 @@ impl Connection {
                 self.streams.remove(&stream_id);
                 ServerBody::StreamClosed { stream_id }
             }
+            ClientBody::Lease(request) => self.leases.take(&request)?,
+            ClientBody::LeaseRenew { lease_id } => self.leases.renew(lease_id)?,
+            ClientBody::LeaseRelease { lease_id } => self.leases.release(lease_id)?,
         })
     }
 

@@ -12,7 +12,7 @@ use volery_api::{DroneAlert, DroneState, FlightNews, ws::ServerBody};
 use super::connection::{Gone, Outbox, Task};
 use crate::{
     error::{ApiError, ApiResult, Code},
-    fleet::{DroneNews, Drones},
+    fleet::DroneNews,
     state::App,
 };
 
@@ -26,7 +26,7 @@ pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResu
     let (outbox, topic) = (outbox.clone(), topic.to_owned());
     Ok(Some(match (kind, which) {
         ("alerts", "") => {
-            let drones = drones(app)?;
+            let drones = app.drones()?;
             let flights = drones.read_flights(|flights, _, _| flights.listen());
             let news = drones.listen();
             until_gone(alerts(news, flights, outbox, topic))
@@ -39,7 +39,7 @@ pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResu
                     ApiError::new(Code::Unprocessable("bad_topic"), detail)
                 })?),
             };
-            let drones = drones(app)?;
+            let drones = app.drones()?;
             let (states, news) = (drones.watch(), drones.listen());
             until_gone(follow(states, news, only, outbox, topic))
         }
@@ -52,12 +52,6 @@ fn until_gone(run: impl Future<Output = Result<(), Gone>> + Send + 'static) -> T
         // The connection notices that this task has ended.
         let _ = run.await;
     }))
-}
-
-fn drones(app: &App) -> ApiResult<&Drones> {
-    app.drones.as_ref().ok_or_else(|| {
-        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
-    })
 }
 
 /// States and commands of one drone, or of all.

@@ -22,9 +22,7 @@ pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResu
         })?),
         _ => return Ok(None),
     };
-    let drones = app.drones.as_ref().ok_or_else(|| {
-        ApiError::new(Code::Conflict("no_mavlink"), "the service has no link to drones")
-    })?;
+    let drones = app.drones()?;
     let news = drones.read_flights(|flights, _, _| match only {
         Some(id) if flights.get(id).is_none() => Err(ApiError::not_found("flight", id)),
         _ => Ok(flights.listen()),

@@ -3,6 +3,7 @@
 mod connection;
 mod drones;
 mod flights;
+mod leases;
 mod stream;
 mod topics;
 mod tracking;

@@ -36,13 +36,7 @@ fn fed_drone(app: &App, caller: &Caller, open: &StreamOpen, version: &MapVersion
     if caller.role < Role::Pilot {
         return Err(ApiError::new(Code::Forbidden, "only a pilot feeds a drone with poses"));
     }
-    if app.drones.is_none() {
-        return Err(ApiError::new(
-            Code::Conflict("no_mavlink"),
-            "the service has no link to drones",
-        )
-        .hint("start it with --mavlink"));
-    }
+    app.drones()?;
     if !open.track {
         let code = Code::Unprocessable("not_tracked");
         return Err(ApiError::new(code, "only a stream with track feeds a drone"));

@@ -13,15 +13,25 @@ use volery_simulator::{DroneOptions, Flavor};
 
 type Socket = WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>;
 
-async fn listen(server: &Server, topic: &str) -> Socket {
+async fn open(server: &Server, client: &Client) -> Socket {
     let url = format!("ws://{}/v1/ws", server.running.addr);
     let mut request = url.into_client_request().unwrap();
-    let protocols = format!("volery, bearer.{}", server.client.token.clone().unwrap());
+    let protocols = format!("volery, bearer.{}", client.token.clone().unwrap());
     request.headers_mut().insert("sec-websocket-protocol", protocols.parse().unwrap());
     let (mut socket, _) = connect_async(request).await.unwrap();
-    let subscribe = json!({"type": "subscribe", "topic": topic}).to_string();
-    socket.send(Message::Text(subscribe.into())).await.unwrap();
-    until(&mut socket, |message| message["type"] != "hello").await;
+    until(&mut socket, |message| message["type"] == "hello").await;
+    socket
+}
+
+/// Says something; the next message is the answer.
+async fn ask(socket: &mut Socket, message: Value) -> Value {
+    socket.send(Message::Text(message.to_string().into())).await.unwrap();
+    until(socket, |_| true).await
+}
+
+async fn listen(server: &Server, topic: &str) -> Socket {
+    let mut socket = open(server, &server.client).await;
+    ask(&mut socket, json!({"type": "subscribe", "topic": topic})).await;
     socket
 }
 
@@ -115,6 +125,71 @@ async fn a_lease_binds_its_drones() {
     assert_eq!(field.close().await.contacts, 0);
 }
 
+/// A lease that was taken over a socket is over when the socket is, however that ends.
+#[tokio::test]
+async fn a_lease_ends_with_its_socket() {
+    let server = field::server().await;
+    let field = Field::open(&server, drones());
+    field.take_off(&[1, 2], 1.5).await;
+    let ann = pilot(&server.client, "ann").await;
+    let mut alerts = listen(&server, "alerts").await;
+    let mut pilot = open(&server, &ann).await;
+    let lease = json!({"type": "lease", "drones": [1], "ttl_ms": 60_000});
+    let leased = ask(&mut pilot, lease.clone()).await;
+    assert_eq!((&leased["type"], &leased["lease"]["holder"]), (&json!("leased"), &json!("ann")));
+    let lease_id = &leased["lease"]["id"];
+    let listed = ann.get("/v1/leases").await.expect(200).json();
+    assert_eq!(
+        (&listed["items"][0]["id"], listed["items"].as_array().unwrap().len()),
+        (lease_id, 1)
+    );
+    assert_eq!(ask(&mut pilot, lease.clone()).await["code"], "drone_leased");
+    let renewed = ask(&mut pilot, json!({"type": "lease.renew", "lease_id": lease_id})).await;
+    assert_eq!(renewed["lease"]["id"], *lease_id);
+    let released = ask(&mut pilot, json!({"type": "lease.release", "lease_id": lease_id})).await;
+    assert_eq!((&released["type"], &released["lease_id"]), (&json!("lease.released"), lease_id));
+    let gone = ask(&mut pilot, json!({"type": "lease.renew", "lease_id": lease_id})).await;
+    assert_eq!(gone["code"], "not_found");
+
+    // Under way when the line is cut: no word of good-bye.
+    assert_eq!(ask(&mut pilot, lease.clone()).await["type"], "leased");
+    let far = json!({"type": "goto", "position": [20.0, 2.0, 1.5]});
+    ann.post("/v1/drones/1/commands", far).await.expect(202);
+    let moves = |state: &Value| state["estimate"]["velocity"][0].as_f64().unwrap() > 0.3;
+    field.until("/v1/drones/1/state", moves).await;
+    let cut = tokio::time::Instant::now();
+    drop(pilot);
+    until(&mut alerts, |message| message["alert"]["code"] == "lease_over").await;
+    assert!(cut.elapsed() < Duration::from_secs(10), "the promise was for a minute");
+    let stands = |state: &Value| {
+        let velocity = &state["estimate"]["velocity"];
+        (0..3).all(|axis| velocity[axis].as_f64().unwrap().abs() < 0.1)
+    };
+    field.until("/v1/drones/1/state", stands).await;
+    assert!(field.truth(1).position[0] < 15.0);
+    assert_eq!(ann.get("/v1/leases").await.expect(200).json()["items"], json!([]));
+
+    let viewer = json!({"name": "eve", "role": "viewer"});
+    let eve = server.client.post("/v1/tokens", viewer).await.expect(201).json();
+    let mut eve = open(&server, &server.client.with_token(eve["secret"].as_str())).await;
+    assert_eq!(ask(&mut eve, lease).await["code"], "forbidden");
+    let audit = || server.client.get("/v1/audit?limit=1000");
+    let over_sockets = |items: &Value| {
+        let entries = items.as_array().unwrap().iter().filter(|entry| entry["method"] == "WS");
+        entries.map(|e| (e["name"].clone(), e["status"].clone())).collect::<Vec<_>>()
+    };
+    // Entries are written a little later than they are made; newest first.
+    let mut entries = Vec::new();
+    while entries.len() < 6 {
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        entries = over_sockets(&audit().await.expect(200).json()["items"]);
+    }
+    let expected =
+        [("eve", 403), ("ann", 200), ("ann", 200), ("ann", 200), ("ann", 409), ("ann", 200)];
+    assert_eq!(entries, expected.map(|(name, status)| (json!(name), json!(status))));
+    assert_eq!(field.close().await.contacts, 0);
+}
+
 #[tokio::test]
 async fn leases_are_read_strictly() {
     let server = field::server().await;
@@ -134,10 +209,8 @@ async fn leases_are_read_strictly() {
 async fn topics_of_drones_are_named_by_numbers() {
     let server = field::server().await;
     let code = async |server: &Server, topic: &str| {
-        let mut socket = listen(server, "jobs").await;
-        let subscribe = json!({"type": "subscribe", "topic": topic}).to_string();
-        socket.send(Message::Text(subscribe.into())).await.unwrap();
-        until(&mut socket, |_| true).await["code"].clone()
+        let mut socket = open(server, &server.client).await;
+        ask(&mut socket, json!({"type": "subscribe", "topic": topic})).await["code"].clone()
     };
     for topic in ["drone:cf1", "drone:300", "alerts:1", "drone"] {
         assert_eq!(code(&server, topic).await, "bad_topic", "{topic}");

@@ -98,7 +98,7 @@ class AuditEntry(Wire):
     role: Role
     """Of the token."""
     method: str
-    """Of HTTP."""
+    """Of HTTP; `WS` for a message over a socket."""
     path: str
     """What was asked for."""
     status: int
@@ -106,7 +106,7 @@ class AuditEntry(Wire):
     token_id: Optional[str] = None
     """Whose; absent for a caller from this machine without one."""
     detail: Optional[str] = None
-    """What a drone was commanded to do, JSON."""
+    """What a drone was commanded to do, or what was said over a socket, JSON."""
 
 
 @dataclass(frozen=True)
@@ -278,6 +278,43 @@ class StreamCloseRequest(Wire):
 
 
 @dataclass(frozen=True)
+class LeaseRequest(Wire):
+    """Takes drones, as `POST /v1/leases` does. The lease is over when the socket is, too: its
+    drones hold at once.
+    """
+
+    drones: Sequence[int]
+    """Which drones, by MAVLink system id."""
+    ttl_ms: int
+    """How long the promise lasts without being renewed, milliseconds."""
+    type: Literal["lease"] = "lease"
+    id: Optional[str] = None
+    """Made by the client."""
+
+
+@dataclass(frozen=True)
+class LeaseRenewRequest(Wire):
+    """Renews a lease."""
+
+    lease_id: str
+    """Which one."""
+    type: Literal["lease.renew"] = "lease.renew"
+    id: Optional[str] = None
+    """Made by the client."""
+
+
+@dataclass(frozen=True)
+class LeaseReleaseRequest(Wire):
+    """Gives a lease back: its drones hold."""
+
+    lease_id: str
+    """Which one."""
+    type: Literal["lease.release"] = "lease.release"
+    id: Optional[str] = None
+    """Made by the client."""
+
+
+@dataclass(frozen=True)
 class PingRequest(Wire):
     """Asks for a `pong`."""
 
@@ -291,6 +328,9 @@ ClientMessage = Union[
     UnsubscribeRequest,
     StreamOpenRequest,
     StreamCloseRequest,
+    LeaseRequest,
+    LeaseRenewRequest,
+    LeaseReleaseRequest,
     PingRequest,
 ]
 """From the client."""
@@ -2090,6 +2130,32 @@ class FrameDroppedMessage(Wire):
 
 
 @dataclass(frozen=True)
+class LeasedMessage(Wire):
+    """Drones are leased: answer to `lease` and `lease.renew`."""
+
+    lease: Lease
+    """As REST answers it."""
+    t_ns: int
+    """The server's time, nanoseconds since the Unix epoch."""
+    type: Literal["leased"] = "leased"
+    re: Optional[str] = None
+    """`id` of the message it answers."""
+
+
+@dataclass(frozen=True)
+class LeaseReleasedMessage(Wire):
+    """A lease is over, as asked."""
+
+    lease_id: str
+    """Which one."""
+    t_ns: int
+    """The server's time, nanoseconds since the Unix epoch."""
+    type: Literal["lease.released"] = "lease.released"
+    re: Optional[str] = None
+    """`id` of the message it answers."""
+
+
+@dataclass(frozen=True)
 class PongMessage(Wire):
     """Answer to `ping`."""
 
@@ -2131,6 +2197,8 @@ ServerMessage = Union[
     FrameTrackedMessage,
     PoseMessage,
     FrameDroppedMessage,
+    LeasedMessage,
+    LeaseReleasedMessage,
     PongMessage,
     ErrorMessage,
 ]
