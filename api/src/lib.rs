@@ -1,6 +1,7 @@
 //! Wire types of openapi.yaml, shared by the service, its child processes and its clients.
 
 pub mod beacons;
+pub mod drone_cameras;
 pub mod drones;
 pub mod effort;
 pub mod flights;
@@ -19,6 +20,7 @@ pub mod worker;
 pub mod ws;
 
 pub use beacons::*;
+pub use drone_cameras::*;
 pub use drones::*;
 pub use effort::*;
 pub use flights::*;

@@ -130,7 +130,7 @@ pub enum StreamMode {
 }
 
 /// Header of a binary frame of kind 1.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FrameHeader {
     /// As opened.

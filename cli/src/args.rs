@@ -5,6 +5,7 @@ use std::{net::SocketAddr, path::PathBuf};
 use clap::{Args, Parser, Subcommand};
 use uuid::Uuid;
 use volery_scene::KnownDistance;
+use volery_server::CameraHost;
 
 mod demo;
 mod reconstruct;
@@ -145,6 +146,10 @@ pub(crate) struct ServeArgs {
     /// Oldest pose that is passed on to a drone, milliseconds.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=250))]
     pub(crate) max_pose_age_ms: u64,
+    /// Host that drones' cameras may be pulled from: a name, an address or a network such as
+    /// 192.168.4.0/24, with or without :PORT; may be repeated. Without it no camera is pulled.
+    #[arg(long, value_name = "HOST")]
+    pub(crate) camera_host: Vec<CameraHost>,
 }
 
 #[derive(Debug, Args)]

@@ -16,6 +16,7 @@ pub(crate) fn run(args: &ServeArgs) -> Outcome {
         listen: args.listen,
         loopback_without_token: args.loopback_without_token,
         mavlink: mavlink(args)?,
+        camera_hosts: args.camera_host.clone(),
         ..Config::new(&args.data, own_program()?)
     };
     runtime()?

@@ -20,8 +20,9 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        beacons, cameras, drones, exports, flights, frames, images, imagesets, jobs, leases,
-        localize, maps, model, page, parts, priors, recordings, render, service, tokens, uploads,
+        beacons, cameras, drone_cameras, drones, exports, flights, frames, images, imagesets, jobs,
+        leases, localize, maps, model, page, parts, priors, recordings, render, service, tokens,
+        uploads,
     },
     state::App,
     ws as socket,
@@ -99,6 +100,11 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(drones::command_drone))
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
+        .routes(routes!(
+            drone_cameras::put_drone_camera,
+            drone_cameras::drone_camera,
+            drone_cameras::delete_drone_camera
+        ))
         .routes(routes!(frames::newest_frame))
         .routes(routes!(flights::fly_to_target))
         .routes(routes!(drones::all_stop))

@@ -8,6 +8,8 @@ use std::{
 
 use volery_api::Limits;
 
+use crate::sources::CameraHost;
+
 /// Settings of [`crate::start`].
 #[derive(Debug, Clone)]
 pub struct Config {
@@ -31,6 +33,8 @@ pub struct Config {
     pub request_timeout: Duration,
     /// The drones' link; none when absent.
     pub mavlink: Option<MavlinkSettings>,
+    /// Where drones' cameras may be pulled from; nowhere when empty.
+    pub camera_hosts: Vec<CameraHost>,
 }
 
 /// The drones' link.
@@ -118,6 +122,7 @@ impl Config {
             limits: default_limits(),
             request_timeout: Duration::from_secs(60),
             mavlink: None,
+            camera_hosts: Vec::new(),
         }
     }
 }

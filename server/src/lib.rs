@@ -24,11 +24,15 @@ mod pictures;
 mod poses;
 mod routes;
 mod run;
+mod sources;
 mod state;
 mod store;
+mod streams;
+mod task;
 mod workers;
 mod ws;
 
 pub use app::{openapi, openapi_yaml};
 pub use config::{Config, JobSettings, MavlinkSettings, WorkerLimits};
 pub use run::{RunningServer, ServeError, serve, start};
+pub use sources::{BadCameraHost, CameraHost};

@@ -20,6 +20,10 @@ pub(crate) struct Metrics {
     pub(crate) localized_ambiguous: AtomicU64,
     pub(crate) localized_not_found: AtomicU64,
     pub(crate) frames_dropped: AtomicU64,
+    /// Pictures of cameras that are pulled.
+    pub(crate) camera_frames: AtomicU64,
+    /// Connections to such cameras that failed or broke.
+    pub(crate) camera_failures: AtomicU64,
     pub(crate) worker_deaths: AtomicU64,
     pub(crate) audit_lost: AtomicU64,
     localize_us: AtomicU64,
@@ -70,6 +74,8 @@ impl Metrics {
             ("volery_images_stored_total", &self.images_stored),
             ("volery_images_rejected_total", &self.images_rejected),
             ("volery_frames_dropped_total", &self.frames_dropped),
+            ("volery_camera_frames_total", &self.camera_frames),
+            ("volery_camera_failures_total", &self.camera_failures),
             ("volery_worker_deaths_total", &self.worker_deaths),
             ("volery_audit_lost_total", &self.audit_lost),
         ] {

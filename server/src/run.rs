@@ -89,6 +89,7 @@ impl RunningServer {
             // A task that panicked has been reported.
             let _ = task.await;
         }
+        self.app.sources.close();
         if let Some(drones) = &self.app.drones {
             drones.close();
         }
@@ -129,6 +130,7 @@ async fn open(config: Config) -> Result<RunningServer, ServeError> {
     if recovered > 0 {
         tracing::info!("{recovered} jobs go on where the last service left them");
     }
+    app.sources.resume(&app).await?;
     let admin_token = first_token(&app).await?;
     let router = app::router(Arc::clone(&app));
     let tasks = vec![

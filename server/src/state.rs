@@ -16,6 +16,7 @@ use crate::{
     metrics::Metrics,
     pictures::Pictures,
     poses::Poses,
+    sources::Sources,
     store::{Store, UploadFiles, blobs::Blobs},
     workers::{Pool, Seats},
 };
@@ -41,6 +42,8 @@ pub(crate) struct App {
     pub(crate) poses: Poses,
     /// Of drones' cameras.
     pub(crate) pictures: Pictures,
+    /// Cameras that are pulled.
+    pub(crate) sources: Sources,
     pub(crate) held_files: Semaphore,
     /// None when the service has no link to drones.
     pub(crate) drones: Option<Drones>,
@@ -82,6 +85,7 @@ impl App {
             trackers: Seats::new(&config, "run-localizer", limits.trackers, limits.localizer_bytes),
             poses: Poses::default(),
             pictures: Pictures::default(),
+            sources: Sources::default(),
             held_files: Semaphore::new(MAX_HELD_FILES),
             job_queued: Notify::new(),
             job_cancelled: Notify::new(),

@@ -107,7 +107,10 @@ impl Flown {
     }
 }
 
-async fn until<T, F: Future<Output = T>>(ask: impl Fn() -> F, wanted: impl Fn(&T) -> bool) -> T {
+pub(crate) async fn until<T, F: Future<Output = T>>(
+    ask: impl Fn() -> F,
+    wanted: impl Fn(&T) -> bool,
+) -> T {
     let deadline = Instant::now() + PATIENCE;
     loop {
         let answer = ask().await;
@@ -120,7 +123,7 @@ async fn until<T, F: Future<Output = T>>(ask: impl Fn() -> F, wanted: impl Fn(&T
 }
 
 /// A map of the scan in the frame of the hall.
-async fn map_of(client: &Client, hall: &DemoHall, folder: &Folder) -> Uuid {
+pub(crate) async fn map_of(client: &Client, hall: &DemoHall, folder: &Folder) -> Uuid {
     let photos = Photos::in_folder(&folder.join("scan"), Some(*hall.camera()));
     let set = upload(client, &photos).await;
     let priors = hall.scan.iter().map(|shot| {

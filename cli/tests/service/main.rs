@@ -10,6 +10,7 @@ mod demo;
 mod goal_frame;
 mod journey;
 mod live_pose;
+mod pulled_cameras;
 mod resume;
 mod server;
 mod surface;

@@ -59,6 +59,13 @@ pub(crate) fn hall_photos(folder: &Path) -> DemoHall {
     let mut hall = DemoHall::new(3);
     hall.scan = hall.scan.into_iter().skip(24).take(18).collect();
     hall.queries.truncate(4);
+    take_photos(&hall, folder);
+    hall
+}
+
+/// All photos of a hall as PNG files in `folder/scan` and `folder/query`, with `telemetry.csv` and
+/// `camera.json`.
+pub(crate) fn take_photos(hall: &DemoHall, folder: &Path) {
     for (name, shots) in [("scan", &hall.scan), ("query", &hall.queries)] {
         let to = folder.join(name);
         fs::create_dir_all(&to).unwrap();
@@ -79,7 +86,6 @@ pub(crate) fn hall_photos(folder: &Path) -> DemoHall {
     fs::write(folder.join("telemetry.csv"), volery_synthetic::telemetry_csv(rows)).unwrap();
     let camera = volery_formats::write_camera_json(hall.camera());
     fs::write(folder.join("camera.json"), camera).unwrap();
-    hall
 }
 
 /// Root mean square of the position errors of a `poses.csv` after the best similarity, meters.

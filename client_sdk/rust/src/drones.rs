@@ -3,8 +3,9 @@
 use reqwest::Method;
 use uuid::Uuid;
 use volery_api::{
-    AllStopped, CreateLease, CreateRecording, Drone, DroneCommand, DroneCommandStatus, DronePose,
-    DronePoseAnswer, DroneState, FrameAnswer, FrameParams, Lease, PatchDrone, PutDrone, Recording,
+    AllStopped, CreateLease, CreateRecording, Drone, DroneCamera, DroneCommand, DroneCommandStatus,
+    DronePose, DronePoseAnswer, DroneState, FrameAnswer, FrameParams, Lease, PatchDrone, PutDrone,
+    PutDroneCamera, Recording,
 };
 
 use crate::{Client, ClientError, client::parsed};
@@ -84,6 +85,25 @@ impl Client {
     pub async fn newest_frame(&self, id: u8) -> Result<bytes::Bytes, ClientError> {
         let path = format!("/v1/drones/{id}/frame");
         self.send(self.request(Method::GET, &path)).await
+    }
+
+    /// Has the camera of a drone pulled, until it is deleted.
+    pub async fn put_drone_camera(
+        &self,
+        id: u8,
+        camera: &PutDroneCamera,
+    ) -> Result<DroneCamera, ClientError> {
+        self.call(Method::PUT, &format!("/v1/drones/{id}/camera"), camera).await
+    }
+
+    /// The camera of a drone that is pulled, and how that goes.
+    pub async fn drone_camera(&self, id: u8) -> Result<DroneCamera, ClientError> {
+        self.get(&format!("/v1/drones/{id}/camera")).await
+    }
+
+    /// Pulls the camera of a drone no more.
+    pub async fn delete_drone_camera(&self, id: u8) -> Result<(), ClientError> {
+        self.delete(&format!("/v1/drones/{id}/camera")).await
     }
 
     /// Records everything that a drone's link sends and receives, from now on.

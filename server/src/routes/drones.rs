@@ -22,6 +22,7 @@ use crate::{
     extract::{Asked, At, Body},
     fleet::{NotCommanded, parse_key},
     state::App,
+    streams::check_system_id,
 };
 
 pub(super) fn not_heard(id: u8) -> ApiError {
@@ -90,16 +91,13 @@ async fn save(app: &App, id: u8, drone: PutDrone) -> ApiResult<Drone> {
     if let Some(problem) = drone.body_from_camera.problem() {
         return Err(ApiError::new(Code::Unprocessable("bad_camera_mount"), problem));
     }
-    if id == 0 || id == 255 {
-        let code = Code::Unprocessable("bad_system_id");
-        return Err(ApiError::new(code, "drones have system ids from 1 to 254"));
-    }
+    check_system_id(id)?;
     app.store.put_drone(id, &drone).await?;
     drones.register(id, drone);
     drones.get(id).ok_or_else(|| not_heard(id))
 }
 
-/// Takes the settings of a drone away; one that is still heard stays in the list.
+/// Takes the settings of a drone away, and its camera if it is pulled; one that is still heard stays in the list.
 #[utoipa::path(delete, path = "/v1/drones/{id}", tag = "drones",
     params(("id" = u8, Path, description = "MAVLink system id")),
     responses((status = 204, description = "Gone")))]
@@ -109,6 +107,7 @@ pub(crate) async fn delete_drone(
     At(id): At<u8>,
 ) -> ApiResult<Deleted> {
     let drones = app.drones()?;
+    app.sources.delete(&app, id).await?;
     app.store.delete_drone(id).await?;
     if drones.unregister(id) { Ok(Deleted) } else { Err(not_heard(id)) }
 }

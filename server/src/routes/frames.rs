@@ -112,7 +112,7 @@ async fn extend(
 }
 
 /// The newest picture of a drone's camera, as it came: by a stream of a pilot that names the drone,
-/// or by `POST /v1/drones/{id}/frames`.
+/// from its camera that is pulled, or by `POST /v1/drones/{id}/frames`.
 #[utoipa::path(get, path = "/v1/drones/{id}/frame", tag = "drones",
     params(("id" = u8, Path, description = "MAVLink system id")),
     responses((status = 200, description = "The picture",
@@ -127,7 +127,7 @@ pub(crate) async fn newest_frame(
 ) -> ApiResult<Response> {
     let picture = app.pictures.get(id).ok_or_else(|| {
         ApiError::not_found("frame of drone", id).hint(
-            "a pilot sends frames by POST /v1/drones/{id}/frames or by a stream with drone_id",
+            "frames come by POST /v1/drones/{id}/frames, a stream with drone_id, or a pulled camera",
         )
     })?;
     let etag = format!("\"{}\"", hex(&Sha256::digest(&picture.bytes)));

@@ -2,6 +2,7 @@
 
 pub(crate) mod beacons;
 pub(crate) mod cameras;
+pub(crate) mod drone_cameras;
 pub(crate) mod drones;
 pub(crate) mod exports;
 mod files;

@@ -4,6 +4,7 @@ mod audit;
 pub(crate) mod blobs;
 mod cameras;
 mod collect;
+mod drone_cameras;
 mod drones;
 mod events;
 mod geofences;
@@ -35,13 +36,14 @@ pub(crate) use leases::{Finish, Lease, LeaseLost};
 pub(crate) use maps::NewVersion;
 pub(crate) use uploads::{UploadFiles, UploadRow};
 
-const MIGRATIONS: [(i64, &str, &str); 6] = [
+const MIGRATIONS: [(i64, &str, &str); 7] = [
     (1, "spine", include_str!("../../../migrations/sqlite/0001_spine.sql")),
     (2, "drones", include_str!("../../../migrations/sqlite/0002_drones.sql")),
     (3, "geofences", include_str!("../../../migrations/sqlite/0003_geofences.sql")),
     (4, "job details", include_str!("../../../migrations/sqlite/0004_job_details.sql")),
     (5, "uploads", include_str!("../../../migrations/sqlite/0005_uploads.sql")),
     (6, "audit", include_str!("../../../migrations/sqlite/0006_audit.sql")),
+    (7, "drone cameras", include_str!("../../../migrations/sqlite/0007_drone_cameras.sql")),
 ];
 
 /// The rows. Writes go through one connection, so a transaction never waits for another.

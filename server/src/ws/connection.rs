@@ -1,17 +1,21 @@
 //! One open socket.
 
-use std::{collections::HashMap, sync::Arc, time::Duration};
+use std::{
+    collections::HashMap,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
 use futures_util::{SinkExt, StreamExt, stream::SplitSink};
-use tokio::{sync::mpsc, task::JoinHandle};
+use tokio::sync::mpsc;
 use uuid::Uuid;
 use volery_api::ws::{
     ClientBody, ClientMessage, FRAME_IMAGE_QUERY, FrameHeader, ServerBody, ServerMessage,
     split_frame,
 };
 
-use super::{leases::Leases, stream::Stream, topics};
+use super::{leases::Leases, topics};
 use crate::{
     auth::Caller,
     clock,
@@ -19,6 +23,8 @@ use crate::{
     extract::parse_json,
     metrics::{add, sub},
     state::App,
+    streams::{Gone, Listener, Stream, permit},
+    task::Task,
 };
 
 /// Messages that may wait for a slow client before it is shut out.
@@ -35,10 +41,6 @@ const MAX_STREAMS: usize = 16;
 #[derive(Debug, Clone)]
 pub(super) struct Outbox(mpsc::Sender<ServerMessage>);
 
-/// The client is too slow or gone.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Gone;
-
 impl Outbox {
     pub(super) fn send(&self, re: Option<String>, body: ServerBody) -> Result<(), Gone> {
         let message = ServerMessage { re, t_ns: clock::now_ns(), body };
@@ -51,13 +53,10 @@ impl Outbox {
     }
 }
 
-/// A task that ends with its handle.
-#[derive(Debug)]
-pub(super) struct Task(pub(super) JoinHandle<()>);
-
-impl Drop for Task {
-    fn drop(&mut self) {
-        self.0.abort();
+/// The connection finds its outbox full at its next message.
+impl Listener for Outbox {
+    fn tell(&self, body: ServerBody) -> Result<(), Gone> {
+        self.send(None, body)
     }
 }
 
@@ -205,9 +204,9 @@ impl Connection {
                     return Ok(too_many("streams", MAX_STREAMS));
                 }
                 let stream_id = self.next_stream;
-                let (stream, opened) =
-                    Stream::open(&self.app, &self.caller, self.outbox.clone(), stream_id, open)
-                        .await?;
+                let permitted = permit(&self.app, self.caller.role, open).await?;
+                let stream = Stream::start(&self.app, permitted, Box::new(self.outbox.clone()));
+                let opened = stream.opened(stream_id);
                 self.next_stream += 1;
                 self.streams.insert(stream_id, stream);
                 opened
@@ -239,7 +238,7 @@ impl Connection {
         };
         match self.streams.get(&header.stream_id) {
             None => self.outbox.send(None, bad("the stream is not open")),
-            Some(stream) => stream.push(header, frame.slice_ref(payload)),
+            Some(stream) => stream.push(header, frame.slice_ref(payload), Instant::now()),
         }
     }
 }

@@ -9,11 +9,13 @@ use tokio::sync::{
 use uuid::Uuid;
 use volery_api::{DroneAlert, DroneState, FlightNews, ws::ServerBody};
 
-use super::connection::{Gone, Outbox, Task};
+use super::connection::Outbox;
 use crate::{
     error::{ApiError, ApiResult, Code},
     fleet::DroneNews,
     state::App,
+    streams::Gone,
+    task::Task,
 };
 
 /// What happens in flights that somebody should look at.

@@ -6,10 +6,12 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 use uuid::Uuid;
 use volery_api::{FlightNews, ws::ServerBody};
 
-use super::connection::{Gone, Outbox, Task};
+use super::connection::Outbox;
 use crate::{
     error::{ApiError, ApiResult, Code},
     state::App,
+    streams::Gone,
+    task::Task,
 };
 
 /// Sends the events of a flight, or of all, until the returned task is dropped; `None` when the

@@ -4,9 +4,7 @@ mod connection;
 mod drones;
 mod flights;
 mod leases;
-mod stream;
 mod topics;
-mod tracking;
 
 use std::sync::Arc;
 

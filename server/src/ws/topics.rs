@@ -6,14 +6,13 @@ use tokio::sync::broadcast::{Receiver, error::RecvError};
 use uuid::Uuid;
 use volery_api::{JobEvent, ws::ServerBody};
 
-use super::{
-    connection::{Gone, Outbox, Task},
-    drones, flights,
-};
+use super::{connection::Outbox, drones, flights};
 use crate::{
     error::{ApiError, ApiResult, Code},
     state::App,
     store::News,
+    streams::Gone,
+    task::Task,
 };
 
 const BATCH: u32 = 500;

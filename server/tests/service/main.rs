@@ -12,6 +12,7 @@ mod leases;
 mod maps;
 mod mavlink_peers;
 mod parts;
+mod pulled_cameras;
 mod recordings;
 mod socket;
 mod support;

@@ -566,6 +566,42 @@ class DroneAlert(Wire):
 
 
 @dataclass(frozen=True)
+class DroneCamera(Wire):
+    """A camera that is pulled, and how that goes."""
+
+    settings: PutDroneCamera
+    """As they were put."""
+    state: DroneCameraState
+    """How it goes now."""
+    frames: int
+    """Pictures that came, since the camera was put or the service started."""
+    dropped: int
+    """Of them, those without an answer: a newer one came first, or they could not be read."""
+    rate_hz: float
+    """Pictures per second, of the last few seconds."""
+    map_version: Optional[int] = None
+    """The version that answers; `null` when the camera cannot be pulled."""
+    last_frame_age_ms: Optional[float] = None
+    """Since the last picture began to come, milliseconds."""
+    last_error: Optional[DroneCameraError] = None
+    """What went wrong last, however long ago."""
+
+
+@dataclass(frozen=True)
+class DroneCameraError(Wire):
+    """What went wrong with a camera."""
+
+    code: str
+    """Stable."""
+    detail: str
+    """For people."""
+
+
+DroneCameraState = Literal["connecting", "streaming", "failed"]
+"""How the pulling of a camera goes."""
+
+
+@dataclass(frozen=True)
 class ArmCommand(Wire):
     """Motors on."""
 
@@ -1764,6 +1800,24 @@ class PutDrone(Wire):
     """How it takes poses."""
     body_from_camera: Optional[CameraMount] = None
     """Its camera; in the middle, level and looking ahead when absent."""
+
+
+@dataclass(frozen=True)
+class PutDroneCamera(Wire):
+    """A drone's camera to be pulled: motion JPEG over HTTP (`multipart/x-mixed-replace`)."""
+
+    url: str
+    """Plain `http`, without user and password; the host must be one that the service may pull from
+    (`volery serve --camera-host`).
+    """
+    map_id: str
+    """Where to look."""
+    version: Optional[int] = None
+    """The one that is active at the start when absent."""
+    camera: Optional[Camera] = None
+    """Intrinsics of the pictures; the map's own camera of their size when absent."""
+    feed: Optional[bool] = None
+    """Send the poses to the estimator of the drone. Needs a metric map."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 //! A service over a folder of its own, and a client that speaks plain HTTP to it.
 
+pub(crate) mod camera;
 pub(crate) mod field;
 pub(crate) mod peers;
 

@@ -483,7 +483,8 @@ class AsyncApi:
         return await self._http.call("PUT", f"/v1/drones/{quoted(drone_id)}", json_of(Drone), body=body)
 
     async def delete_drone(self, drone_id: int) -> None:
-        """Takes the settings of a drone away; one that is still heard stays in the list.
+        """Takes the settings of a drone away, and its camera if it is pulled; one that is still
+        heard stays in the list.
 
         `DELETE /v1/drones/{id}`
         """
@@ -535,9 +536,32 @@ class AsyncApi:
         """
         return await self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/pose", json_of(DronePoseAnswer), body=body)
 
+    async def drone_camera(self, drone_id: int) -> DroneCamera:
+        """The camera of a drone that is pulled, and how that goes.
+
+        `GET /v1/drones/{id}/camera`
+        """
+        return await self._http.call("GET", f"/v1/drones/{quoted(drone_id)}/camera", json_of(DroneCamera))
+
+    async def put_drone_camera(self, drone_id: int, body: PutDroneCamera) -> DroneCamera:
+        """Has the camera of a drone pulled, in place of the one before: its pictures are followed
+        in the map as those of a stream with `track` and `drone_id`. It goes on until it is
+        deleted, also after a new start of the service; a camera that is gone is tried again.
+
+        `PUT /v1/drones/{id}/camera`
+        """
+        return await self._http.call("PUT", f"/v1/drones/{quoted(drone_id)}/camera", json_of(DroneCamera), body=body)
+
+    async def delete_drone_camera(self, drone_id: int) -> None:
+        """Pulls the camera of a drone no more.
+
+        `DELETE /v1/drones/{id}/camera`
+        """
+        return await self._http.call("DELETE", f"/v1/drones/{quoted(drone_id)}/camera", none)
+
     async def newest_frame(self, drone_id: int) -> bytes:
         """The newest picture of a drone's camera, as it came: by a stream of a pilot that names
-        the drone, or by `POST /v1/drones/{id}/frames`.
+        the drone, from its camera that is pulled, or by `POST /v1/drones/{id}/frames`.
 
         `GET /v1/drones/{id}/frame`
         """

@@ -1,21 +1,15 @@
 //! A stream that is followed from frame to frame.
 
-use std::{
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{sync::Arc, time::Instant};
 
 use uuid::Uuid;
 use volery_api::{
-    MapVersion, TrackState, TrackedFrame,
+    TrackState, TrackedFrame,
     worker::{TrackTask, WorkerRequest},
     ws::{FrameHeader, ServerBody},
 };
 
-use super::{
-    connection::Gone,
-    stream::{Frame, Shared, reason_of},
-};
+use super::{Frame, Gone, Shared, camera_clock::CameraClock, reason_of};
 use crate::{
     error::{ApiError, ApiResult, Code},
     poses::CameraFix,
@@ -25,7 +19,6 @@ use crate::{
 /// The worker's side of a stream: one child keeps its tracker.
 struct Following {
     shared: Arc<Shared>,
-    version: MapVersion,
     seat: Option<Seat>,
     /// Names the stream to the child.
     stream: u64,
@@ -34,22 +27,20 @@ struct Following {
     /// Resets by children that have gone.
     resets: u32,
     started: Instant,
-    /// Least difference between arrival and capture, nanoseconds of either clock.
-    least_delay_ns: Option<i128>,
+    camera_clock: CameraClock,
 }
 
-/// Answers frames until the socket ends.
-pub(super) async fn track_frames(shared: Arc<Shared>, version: MapVersion) {
+/// Answers frames until nobody hears it.
+pub(super) async fn track_frames(shared: Arc<Shared>) {
     let seat = Some(shared.app.trackers.take());
     let mut following = Following {
         shared,
-        version,
         seat,
         stream: Uuid::now_v7().as_u64_pair().1,
         last: (0, 0),
         resets: 0,
         started: Instant::now(),
-        least_delay_ns: None,
+        camera_clock: CameraClock::default(),
     };
     while following.next().await.is_ok() {}
 }
@@ -90,8 +81,8 @@ impl Following {
         let since_start = arrived.saturating_duration_since(self.started).as_nanos() as u64;
         let task = TrackTask {
             stream: self.stream,
-            map_dir: app.map_folder(&self.version).await?.display().to_string(),
-            camera: self.shared.open.camera.clone(),
+            map_dir: app.map_folder(&self.shared.stream.version).await?.display().to_string(),
+            camera: self.shared.stream.open.camera.clone(),
             encoding: header.encoding,
             width: header.width,
             height: header.height,
@@ -129,8 +120,9 @@ impl Following {
         arrived: Instant,
         frame: TrackedFrame,
     ) -> Result<(), Gone> {
-        let (map_id, map_version) = (self.version.map_id, self.version.version);
-        if let Some(drone_id) = &self.shared.open.drone_id {
+        let version = &self.shared.stream.version;
+        let (map_id, map_version) = (version.map_id, version.version);
+        if let Some(drone_id) = &self.shared.stream.open.drone_id {
             let fix = CameraFix {
                 drone_id: drone_id.clone(),
                 map_id,
@@ -139,7 +131,7 @@ impl Following {
                 captured: self.captured(header, arrived),
                 frame: frame.clone(),
             };
-            if let (Some(id), Some(drones)) = (self.shared.feeds, &self.shared.app.drones) {
+            if let (Some(id), Some(drones)) = (self.shared.stream.feeds, &self.shared.app.drones) {
                 // The journal of the drone says why a pose did not leave.
                 let _ = drones.camera_pose(id, fix.captured, &fix.frame);
             }
@@ -154,18 +146,14 @@ impl Following {
             map_version,
             result: Box::new(frame),
         };
-        self.shared.outbox.send(None, body)
+        self.shared.listener.tell(body)
     }
 
-    /// When a frame was taken, by our clock: the fastest frame so far is taken to have come at once.
+    /// When a frame was taken, by our clock.
     fn captured(&mut self, header: &FrameHeader, arrived: Instant) -> Instant {
         let Some(t_capture_ns) = header.t_capture_ns else { return arrived };
-        let arrived_ns = arrived.saturating_duration_since(self.started).as_nanos() as i128;
-        let delay_ns = arrived_ns - i128::from(t_capture_ns);
-        let least = *self
-            .least_delay_ns
-            .insert(self.least_delay_ns.map_or(delay_ns, |least| least.min(delay_ns)));
-        let late = Duration::from_nanos(u64::try_from(delay_ns - least).unwrap_or(u64::MAX));
+        let since_start = arrived.saturating_duration_since(self.started);
+        let late = self.camera_clock.lateness(t_capture_ns, since_start);
         arrived.checked_sub(late).unwrap_or(arrived)
     }
 }
