@@ -42,9 +42,10 @@ fn parse(text: &str) -> Option<CameraHost> {
         None if text.matches(':').count() > 1 => (text, None),
         None => text.split_once(':').map_or((text, None), |(host, port)| (host, Some(port))),
     };
-    let port = port
-        .map(|port| port.parse().ok().filter(|port| *port != 0))
-        .map_or(Some(None), |port: Option<u16>| port.map(Some))?;
+    let port = match port {
+        None => None,
+        Some(port) => Some(port.parse().ok().filter(|port| *port != 0)?),
+    };
     let who = match host.split_once('/') {
         Some((address, length)) => network(address, Some(length))?,
         None => network(host, None).or_else(|| name(host))?,

@@ -35,7 +35,7 @@ pub(super) struct Camera {
 /// Pulls until it is dropped.
 pub(super) async fn pull(app: Arc<App>, camera: Camera) {
     let (drone, host) = (camera.drone, camera.address.authority());
-    let mut wait = FIRST_WAIT;
+    let (mut wait, mut told) = (FIRST_WAIT, "");
     loop {
         let (began, frames) = (Instant::now(), camera.gauge.known().frames);
         let failure = match follow(&app, &camera).await {
@@ -44,9 +44,12 @@ pub(super) async fn pull(app: Arc<App>, camera: Camera) {
         };
         camera.gauge.failed(&failure);
         add(&app.metrics.camera_failures, 1);
-        tracing::warn!(drone, host, code = failure.code(), "camera of drone {drone}: {failure}");
+        // Once for tries that fail alike.
+        if std::mem::replace(&mut told, failure.code()) != failure.code() {
+            tracing::warn!(drone, host, code = told, "camera of drone {drone}: {failure}");
+        }
         if began.elapsed() > GOOD && camera.gauge.known().frames > frames {
-            wait = FIRST_WAIT;
+            (wait, told) = (FIRST_WAIT, "");
         }
         let this = if failure.is_lasting() { LASTING_WAIT } else { wait };
         tokio::time::sleep(this.mul_f64(jitter())).await;
