@@ -167,6 +167,8 @@ pub struct Capabilities {
     pub exports: Vec<String>,
     /// Kinds of jobs.
     pub jobs: Vec<String>,
+    /// Whether it has a link to drones; without one, whatever concerns drones answers `no_mavlink`.
+    pub mavlink: bool,
 }
 
 /// Every limit of the service.

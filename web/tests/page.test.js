@@ -226,6 +226,13 @@ test('slow pictures take a third of the time, fast ones are drawn as they come',
   assert.deepEqual(ready.slow, [false, false, true]);
 });
 
+test('without a link to drones the page says how to get one', async () => {
+  await page.goto('/fly');
+  await page.getByText('No drone is heard').waitFor();
+  await page.getByText('--mavlink').waitFor();
+  assert.deepEqual(complaints, []);
+});
+
 test('all stop answers, and the console had nothing to complain of', async () => {
   await button('All stop').click();
   // Without a link to drones the service refuses, and the page says so.

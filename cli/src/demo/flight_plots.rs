@@ -22,7 +22,7 @@ pub(super) fn section(
     let frames: Vec<_> = flight.frames.iter().map(|(what, n)| format!("{n} {what}")).collect();
     let rows = [
         ("drones at all their goals", format!("{} of {}", flight.arrived, flight.drones)),
-        ("farthest from a goal", cm(flight.arrival_error_max_m)),
+        ("farthest from a goal", flight.arrival_error_max_m.map_or("-".to_owned(), cm)),
         ("nearest to each other", distance),
         (
             "error of live poses",

@@ -41,7 +41,8 @@ pub(crate) struct FlightScore {
     /// Drones that were at all their goals.
     pub(crate) arrived: usize,
     pub(crate) crossings: Vec<Crossing>,
-    pub(crate) arrival_error_max_m: f64,
+    /// Absent when no crossing ended.
+    pub(crate) arrival_error_max_m: Option<f64>,
     /// Of two drones in the air.
     pub(crate) min_separation_m: Option<f64>,
     pub(crate) pose_error_median_m: f64,
@@ -145,7 +146,7 @@ pub(super) fn score(
     FlightScore {
         drones: record.states.len(),
         arrived: record.states.keys().filter(arrived).count(),
-        arrival_error_max_m: all_arrivals.copied().fold(0.0, f64::max),
+        arrival_error_max_m: all_arrivals.copied().reduce(f64::max),
         min_separation_m: separations.iter().map(|(_, d)| *d).reduce(f64::min),
         pose_error_median_m: median(errors.iter().copied()),
         pose_error_p95_m: at_quantile(errors.iter().copied(), 0.95),

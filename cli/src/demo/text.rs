@@ -60,12 +60,12 @@ pub(super) fn print(report: &DemoReport, page: &Path) {
 
 fn print_flight(flight: &FlightScore) {
     println!(
-        "flight    {} of {} drones at all their goals, {:.1} cm off at most, {:.0} s in the air",
-        flight.arrived,
-        flight.drones,
-        flight.arrival_error_max_m * 1e2,
-        flight.flight_s
+        "flight    {} of {} drones at all their goals, {:.0} s in the air",
+        flight.arrived, flight.drones, flight.flight_s
     );
+    if let Some(error) = flight.arrival_error_max_m {
+        println!("          {:.1} cm off a goal at most", error * 1e2);
+    }
     if let Some(distance) = flight.min_separation_m {
         println!("          never nearer to each other than {distance:.2} m");
     }

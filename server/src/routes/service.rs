@@ -64,9 +64,10 @@ pub(crate) async fn info(State(app): State<Arc<App>>, _caller: Viewer) -> Json<I
         t_ns: clock::now_ns(),
         capabilities: Capabilities {
             stages: owned(&["sfm", "dense", "mesh"]),
-            localizers: owned(&["pnp"]),
+            localizers: owned(&["pnp", "template"]),
             exports: owned(&EXPORTS),
             jobs: owned(&JobKind::ALL.map(JobKind::name)),
+            mavlink: app.drones.is_some(),
         },
         limits: app.config.limits.clone(),
     })

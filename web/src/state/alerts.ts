@@ -4,7 +4,7 @@ import { effect, signal } from '@preact/signals';
 import { subscribe } from '../api/socket';
 import type { DroneAlert } from '../api/types';
 import { batteryOf, fleet, poseAge, reloadFleet, STALE_MS, type LiveDrone } from './fleet';
-import { session } from './session';
+import { hasDrones, session } from './session';
 import type { Tone } from './toasts';
 
 export interface AlertLine {
@@ -99,7 +99,7 @@ export function startAlerts(): void {
   let end: (() => void) | null = null;
   effect(() => {
     end?.();
-    end = session.state.value === 'open'
+    end = session.state.value === 'open' && hasDrones()
       ? subscribe('alerts', (message) => message.type === 'alert' && take(message.alert))
       : null;
   });

@@ -4,6 +4,7 @@ import { signal } from '@preact/signals';
 import { get } from '../api/client';
 import { subscribe, type ServerMessage } from '../api/socket';
 import type { CameraPose, Drone, DroneCommandStatus, DroneState, TrackedFrame } from '../api/types';
+import { hasDrones } from './session';
 
 /** What its camera saw last. */
 export interface Fix {
@@ -84,7 +85,7 @@ function takeState(live: LiveDrone, state: DroneState): void {
 /** Names and settings, and drones that are not heard. */
 export async function reloadFleet(): Promise<void> {
   try {
-    const { items } = await get('/v1/drones');
+    const items = hasDrones() ? (await get('/v1/drones')).items : [];
     for (const id of drones.keys()) {
       if (!items.some((drone) => drone.id === id)) drones.delete(id);
     }
@@ -128,7 +129,7 @@ function take(message: ServerMessage): void {
 
 /** Follows all drones until the returned function is called. */
 export function followFleet(): () => void {
-  const ends = ['drone:*', 'pose:*'].map((topic) => subscribe(topic, take));
+  const ends = (hasDrones() ? ['drone:*', 'pose:*'] : []).map((topic) => subscribe(topic, take));
   void reloadFleet();
   const timer = setInterval(() => void reloadFleet(), ASK_EVERY_MS);
   return () => {

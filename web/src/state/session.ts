@@ -12,6 +12,9 @@ export const session = {
   info: signal<Info | null>(null),
 };
 
+/** Whether the service has a link to drones. */
+export const hasDrones = (): boolean => session.info.value?.capabilities.mavlink ?? false;
+
 /** Takes a token from `#token=...` and wipes it from the address bar. */
 export function takeTokenFromAddress(): void {
   const fragment = new URLSearchParams(location.hash.slice(1));

@@ -1,6 +1,7 @@
 import { useEffect, useState } from 'preact/hooks';
 import { get, list } from '../api/client';
 import { isOver } from '../state/jobs';
+import { hasDrones } from '../state/session';
 import { Fly, isMetric } from './fly/fly';
 import { Jobs } from './jobs/jobs';
 import { Photos } from './photos/photos';
@@ -30,8 +31,12 @@ export function Start() {
 }
 
 async function findOut(): Promise<Now> {
-  const [drones, jobs, maps] = await Promise.all([get('/v1/drones'), list('/v1/jobs'), list('/v1/maps')]);
+  const [inAir, jobs, maps] = await Promise.all([flying(), list('/v1/jobs'), list('/v1/maps')]);
   const job = jobs.findLast((job) => !isOver(job))?.id;
-  const map = drones.items.some(({ state }) => state?.flying) && maps.findLast(isMetric)?.id;
+  const map = inAir && maps.findLast(isMetric)?.id;
   return { ...(job && { job }), ...(map && { map }) };
+}
+
+async function flying(): Promise<boolean> {
+  return hasDrones() && (await get('/v1/drones')).items.some(({ state }) => state?.flying);
 }

@@ -8,6 +8,7 @@ import { FreeSpace } from '../../map3d/free-space';
 import { vector } from '../../map3d/frames';
 import { boundsOf } from '../../map3d/map-layers';
 import { fleet } from '../../state/fleet';
+import { hasDrones } from '../../state/session';
 import { toastError } from '../../state/toasts';
 
 export type Tab = 'drones' | 'flight' | 'fence';
@@ -77,7 +78,7 @@ export class Desk {
       }),
       seesAir && request('GET', '/v1/maps/{id}/freespace', null, { at, query: { version: this.version.version }, signal })
         .then(async (answer) => (this.air.value = new FreeSpace(await answer.arrayBuffer()))),
-      get('/v1/flights', { signal }).then((flights) => {
+      hasDrones() && get('/v1/flights', { signal }).then((flights) => {
         const mine = flights.filter((flight) => flight.map_id === this.mapId);
         this.flight.value = mine.findLast((flight) => flight.taking_off || flight.state === 'running' || flight.state === 'paused') ?? null;
       }),
