@@ -3,14 +3,16 @@
 //! The surface is a level set of the field χ that minimizes
 //!
 //! ```text
-//! E(χ) = ∫ ‖∇χ − V‖² dx + α/h Σₚ aₚ χ(p)²
+//! E(χ) = ∫ ‖∇χ − V‖² dx + α/h Σₚ aₚ (χ(p) − τₚ)²
 //! ```
 //!
 //! V holds the normals of the samples p, spread over cells of side h and weighted by the areas aₚ
 //! that they stand for: χ jumps by about one across the surface. The second term, the screen,
 //! draws χ to the same value at all samples (P56).
 //!
-//! χ is sought among the sums of trilinear tents over an adaptive octree.
+//! χ is sought among the sums of trilinear tents over an adaptive octree. They are straight between
+//! the corners of a cell, where χ is not: drawn to 0 itself they bend χ by hundredths of a cell,
+//! another way in each. τ is what tents that are right at the corners say at the sample ([`step`]).
 //!
 //! Sources: Kazhdan, Bolitho and Hoppe, "Poisson Surface Reconstruction", SGP 2006; Kazhdan and
 //! Hoppe, "Screened Poisson Surface Reconstruction", ToG 2013: the energy (3), its weight that
@@ -34,6 +36,7 @@ mod rows;
 mod samples;
 mod screen;
 mod solution;
+mod step;
 mod transfer;
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 //!
 //! with the stiffness K of trilinear elements (8/3 at the vertex, 0 at the 6 nearest, -1/6 at the
 //! 12 next, -1/12 at the 8 farthest), and per cell c its mean sample of area a_c, at which the 8
-//! corners have the weights N_c.
+//! corners have the weights N_c. b holds the divergence of V and α Σ a_c N_c,ᵢ τ_c.
 
 use rayon::prelude::*;
 

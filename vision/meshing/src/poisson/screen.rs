@@ -1,7 +1,10 @@
 //! Samples summed per cell: the points at which the field is held.
 
-use super::octree::{BASE_DEPTH, Octree};
-use super::samples::{Samples, cell_of};
+use super::field::Weighted;
+use super::octree::{BASE_DEPTH, Level, Octree};
+use super::rows::Rows;
+use super::samples::cell_of;
+use super::step::{spread_variance, tents_on_step};
 
 /// Per cell of one level, the mean sample and its area.
 #[derive(Debug, Default)]
@@ -20,18 +23,34 @@ pub(super) struct Screen {
 #[derive(Clone, Copy)]
 struct Mean {
     position: [f32; 3],
+    normal: [f32; 3],
+    /// Variance of what spreads the sample, in the unit cube.
+    variance: f32,
     area: f32,
 }
 
-/// The screens of all levels, coarsest first. `areas` are those of the samples in the unit cube.
-pub(super) fn screens(octree: &Octree, samples: &Samples, areas: &[f32]) -> Vec<Screen> {
-    let pairs = samples.positions.iter().zip(areas);
-    let mut means: Vec<Mean> = pairs.map(|(&position, &area)| Mean { position, area }).collect();
+/// The screens of all levels, coarsest first. Adds what they draw the field to, times `screening`
+/// α, to the right-hand sides.
+pub(super) fn screens(
+    octree: &Octree,
+    weighted: Weighted,
+    screening: f32,
+    sums: &mut [Vec<f32>],
+) -> Vec<Screen> {
+    let Weighted { samples, areas, depths } = weighted;
+    let mean = |i: usize| Mean {
+        position: samples.positions[i],
+        normal: samples.normals[i],
+        variance: spread_variance(depths[i]),
+        area: areas[i],
+    };
+    let mut means: Vec<Mean> = (0..samples.len()).map(mean).collect();
     let mut screens: Vec<Screen> = (BASE_DEPTH..=octree.depth())
         .rev()
         .map(|depth| {
+            let sums = &mut sums[(depth - BASE_DEPTH) as usize];
             merge_cells(&mut means, depth);
-            Screen::of(&means, octree, depth)
+            Screen::of(&means, octree.level(depth), depth, screening, sums)
         })
         .collect();
     screens.reverse();
@@ -45,9 +64,12 @@ fn merge_cells(means: &mut Vec<Mean>, depth: u32) {
         if same {
             let area = kept.area + next.area;
             let part = next.area / area;
-            for (kept, next) in kept.position.iter_mut().zip(next.position) {
-                *kept += part * (next - *kept);
+            let mix = |kept: &mut f32, next: f32| *kept += part * (next - *kept);
+            for axis in 0..3 {
+                mix(&mut kept.position[axis], next.position[axis]);
+                mix(&mut kept.normal[axis], next.normal[axis]);
             }
+            mix(&mut kept.variance, next.variance);
             kept.area = area;
         }
         same
@@ -55,19 +77,38 @@ fn merge_cells(means: &mut Vec<Mean>, depth: u32) {
 }
 
 impl Screen {
-    fn of(means: &[Mean], octree: &Octree, depth: u32) -> Self {
-        let cells = &octree.level(depth).cells;
-        let empty = || vec![0.0; cells.len()];
+    fn of(means: &[Mean], level: &Level, depth: u32, screening: f32, sums: &mut [f32]) -> Self {
+        let empty = || vec![0.0; level.cells.len()];
         let mut screen = Self { x: empty(), y: empty(), z: empty(), area: empty() };
         let areas_per_unit = (1u64 << (2 * depth)) as f32;
         for mean in means {
-            let (cell, [x, y, z]) = cell_of(mean.position, depth);
-            if let Some(cell) = cells.find(cell) {
+            let (at, inside) = cell_of(mean.position, depth);
+            if let Some(cell) = level.cells.find(at) {
                 let cell = cell as usize;
-                (screen.x[cell], screen.y[cell], screen.z[cell]) = (x, y, z);
+                [screen.x[cell], screen.y[cell], screen.z[cell]] = inside;
                 screen.area[cell] = mean.area * areas_per_unit;
+                let target = tents_on_step(inside, mean.normal, mean.variance * areas_per_unit);
+                let weight = screening * screen.area[cell] * target;
+                add_at_corners(&level.vertices, at, inside, weight, sums);
             }
         }
         screen
+    }
+}
+
+/// Adds a value to the sums at the corners of a cell, shared by the trilinear weights.
+fn add_at_corners(
+    vertices: &Rows,
+    [x, y, z]: [u32; 3],
+    [tx, ty, tz]: [f32; 3],
+    value: f32,
+    sums: &mut [f32],
+) {
+    for (dz, wz) in [(0, 1.0 - tz), (1, tz)] {
+        for (dy, wy) in [(0, 1.0 - ty), (1, ty)] {
+            let first = vertices.find([x, y + dy, z + dz]).expect("cells have corners") as usize;
+            sums[first] += value * wz * wy * (1.0 - tx);
+            sums[first + 1] += value * wz * wy * tx;
+        }
     }
 }

@@ -31,8 +31,8 @@ impl Solution {
         screening: f32,
         progress: &dyn Progress,
     ) -> Result<Self, MeshingError> {
-        let screens = screens(octree, weighted.samples, weighted.areas);
-        let mut divergences = divergences(octree, weighted);
+        let mut sums = divergences(octree, weighted);
+        let screens = screens(octree, weighted, screening, &mut sums);
         let num_levels = screens.len();
         let mut field: Option<Field> = None;
         let mut values: Vec<Vec<f32>> = Vec::new();
@@ -40,7 +40,7 @@ impl Solution {
             progress.check()?;
             let depth = BASE_DEPTH + i as u32;
             let level = octree.level(depth);
-            let rhs = &mut divergences[i];
+            let rhs = &mut sums[i];
             let mut level_field = field.take().unwrap_or_else(|| empty_field(level.vertices.len()));
             if i == 0 {
                 spread(&level.vertices, depth, weighted, &mut level_field);

@@ -71,6 +71,19 @@ fn noise_is_averaged() {
     assert!(error < 0.3 * sigma, "{error}");
 }
 
+/// Where the surface lies in its cells does not matter: not where tents are bent (to a hundredth of
+/// a cell without their bend in mind), nor where a line along an edge would be.
+#[test]
+fn a_surface_without_noise_is_found_to_hundredths_of_a_cell() {
+    for (cloud, extent, distance) in [
+        (sphere(60_000, 14), 2.0, (|p| p.coords.norm() - 1.0) as fn(&Point3<f64>) -> f64),
+        (torus(60_000, 1.0, 15), 2.8, distance_to_torus),
+    ] {
+        let error = rms(&surface(&cloud, 6).mesh, distance) / cell_side(extent, 6);
+        assert!(error < 0.007, "{error} cells");
+    }
+}
+
 /// P56: the screen draws the surface to the samples.
 #[test]
 fn screened_is_nearer_to_the_samples_than_unscreened() {
