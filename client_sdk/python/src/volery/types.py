@@ -211,6 +211,9 @@ class Capabilities(Wire):
     """Names under `export/`."""
     jobs: Sequence[str]
     """Kinds of jobs."""
+    mavlink: bool
+    """Whether it has a link to drones; without one, whatever concerns drones answers `no_mavlink`.
+    """
 
 
 @dataclass(frozen=True)
