@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use volery_scene::{DepthMap, OrientedPoint, PointCloud};
 
-use crate::related::{Related, SAME_DEPTH, related};
+use crate::related::{Related, SAME_DEPTH, SharedSurface, footprint, related};
 
 /// Other maps that a point is averaged over.
 const MAX_RELATED: usize = 16;
@@ -39,34 +39,30 @@ pub(crate) fn fused<'a>(
 fn fuse_pixel(map: &DepthMap, index: usize, related: &[Related]) -> Option<OrientedPoint> {
     // What was seen speaks before what was inferred, then the larger view, then the first.
     let rank = |map: &DepthMap, index: usize| {
-        (map.inferred[index], map.depth[index] / map.camera.focal().x as f32, map.image)
+        (map.inferred[index], footprint(map, map.depth[index]), map.image)
     };
     let own_rank = rank(map, index);
-    let mut depth = map.depth[index];
-    let mut sum = 1.0;
+    let normal = Vector3::from(map.normals[index]);
+    let mut surface = SharedSurface::new(map, index, &normal);
     let mut confidence = map.confidence[index];
     for other in related {
         let Some(landing) = other.landing(map, index) else { continue };
-        if !other.is_same_surface(map, index, &landing, SAME_DEPTH) {
+        if !other.is_same_surface(&normal, &landing, SAME_DEPTH) {
             continue;
         }
         if rank(other.map, landing.pixel) < own_rank {
             return None;
         }
         if other.map.inferred[landing.pixel] == map.inferred[index] {
-            // The pixel keeps its ray; the other's surface is so much farther along it, and its
-            // error grows with the size of its pixels.
-            let weight = (own_rank.1 / rank(other.map, landing.pixel).1).powi(2);
-            depth += weight * map.depth[index] * landing.known / landing.depth;
-            sum += weight;
+            surface.hear(other, &landing, 1.0);
             confidence = confidence.max(other.map.confidence[landing.pixel]);
         }
     }
-    let on_surface = map.point_in_cam(index)? * f64::from(depth / sum / map.depth[index]);
+    let on_surface = map.point_in_cam(index)? * f64::from(surface.depth() / map.depth[index]);
     let rotation = map.cam_from_world.rotation.inverse();
     Some(OrientedPoint {
         position: map.cam_from_world.inverse_transform_point(&on_surface).cast(),
-        normal: rotation.cast::<f32>() * Vector3::from(map.normals[index]),
+        normal: rotation.cast::<f32>() * surface.normal(),
         color: [0; 3],
         confidence,
         inferred: map.inferred[index],

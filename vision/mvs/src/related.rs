@@ -1,12 +1,14 @@
 //! Depth maps that show the same, and where the pixels of one land in another.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use volery_scene::DepthMap;
 
 use crate::source::Transfer;
 
 /// Pixels per row and column of the grid on which maps are compared.
 const GRID: usize = 16;
+/// Relative difference of depth up to which neighboring pixels show one surface.
+const SMOOTH: f32 = 0.02;
 /// Relative difference of depth within which two maps see the same surface.
 pub(crate) const SAME_DEPTH: f32 = 0.01;
 /// Least cosine between the normals of one surface in two maps.
@@ -20,7 +22,7 @@ pub(crate) struct Related<'a> {
     pub(crate) map: &'a DepthMap,
     from_own: Transfer,
     to_own: Transfer,
-    rotation_from_own: Rotation3<f32>,
+    rotation_from_own: Matrix3<f32>,
 }
 
 /// Where a surface point lands in another map.
@@ -30,7 +32,7 @@ pub(crate) struct Landing {
     pub(crate) pixel: usize,
     /// Depth of the point, seen from there.
     pub(crate) depth: f32,
-    /// Depth that the map has there.
+    /// Depth that the map has there, between its pixels where they show one surface.
     pub(crate) known: f32,
 }
 
@@ -48,7 +50,7 @@ impl<'a> Related<'a> {
             map,
             from_own: Transfer::new(&own.camera, &map.camera, &other_from_own),
             to_own: Transfer::new(&map.camera, &own.camera, &other_from_own.inverse()),
-            rotation_from_own: other_from_own.rotation.to_rotation_matrix().cast(),
+            rotation_from_own: other_from_own.rotation.to_rotation_matrix().matrix().cast(),
         }
     }
 
@@ -64,21 +66,22 @@ impl<'a> Related<'a> {
             return None;
         }
         let pixel = y as usize * width + x as usize;
-        let known = self.map.depth[pixel];
-        (known > 0.0).then_some(Landing { pixel, depth: z / w, known })
+        let is_known = self.map.depth[pixel] > 0.0;
+        is_known.then(|| Landing { pixel, depth: z / w, known: depth_at(self.map, pixel, x, y) })
     }
 
-    /// Whether the pixel and its landing agree in normal, and in depth but for the part `slack`.
+    /// Whether a pixel with `normal` and its landing agree in normal, and in depth but for the part
+    /// `slack`.
+    #[inline]
     pub(crate) fn is_same_surface(
         &self,
-        own: &DepthMap,
-        index: usize,
+        normal: &Vector3<f32>,
         landing: &Landing,
         slack: f32,
     ) -> bool {
         landing.difference() <= slack && {
-            let normal = self.rotation_from_own * Vector3::from(own.normals[index]);
-            normal.dot(&Vector3::from(self.map.normals[landing.pixel])) > SAME_NORMAL_COS
+            let theirs = Vector3::from(self.map.normals[landing.pixel]);
+            (self.rotation_from_own * normal).dot(&theirs) > SAME_NORMAL_COS
         }
     }
 
@@ -90,6 +93,71 @@ impl<'a> Related<'a> {
         let [bx, by, bz] = self.to_own.apply(x / z, y / z, 1.0 / landing.known);
         (bx / bz - u).hypot(by / bz - v)
     }
+}
+
+/// The depth of `map` at an image position within `pixel`: between the four pixels around it if
+/// they show one surface, else the pixel's own.
+fn depth_at(map: &DepthMap, pixel: usize, x: f32, y: f32) -> f32 {
+    let own = map.depth[pixel];
+    let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
+    let (left, top) = (x as usize, y as usize);
+    if left + 1 >= map.width() || top + 1 >= map.height() {
+        return own;
+    }
+    let first = top * map.width() + left;
+    let [a, b, c, d] =
+        [first, first + 1, first + map.width(), first + map.width() + 1].map(|k| map.depth[k]);
+    if [a, b, c, d].iter().any(|depth| (depth - own).abs() > SMOOTH * own) {
+        return own;
+    }
+    let (fx, fy) = (x - left as f32, y - top as f32);
+    let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
+    upper + fy * (lower - upper)
+}
+
+/// The surface of a pixel as several maps have it: the means of their depths, along the ray of the
+/// first, and of their normals. Each is weighed by how large it shows the surface, as its error
+/// grows with the size of its pixels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SharedSurface {
+    own: f32,
+    own_footprint: f32,
+    sum: f32,
+    weights: f32,
+    normals: Vector3<f32>,
+}
+
+impl SharedSurface {
+    /// As the first map has it.
+    pub(crate) fn new(map: &DepthMap, index: usize, normal: &Vector3<f32>) -> Self {
+        let own = map.depth[index];
+        let own_footprint = footprint(map, own);
+        Self { own, own_footprint, sum: own, weights: 1.0, normals: *normal }
+    }
+
+    /// Hears another map, `part` of which counts.
+    pub(crate) fn hear(&mut self, other: &Related<'_>, landing: &Landing, part: f32) {
+        let weight = part * (self.own_footprint / footprint(other.map, landing.known)).powi(2);
+        self.sum += weight * self.own * landing.known / landing.depth;
+        self.weights += weight;
+        let normal = Vector3::from(other.map.normals[landing.pixel]);
+        self.normals += weight * other.rotation_from_own.tr_mul(&normal);
+    }
+
+    /// Seen from the first map.
+    pub(crate) fn depth(&self) -> f32 {
+        self.sum / self.weights
+    }
+
+    /// In the frame of the first map's camera.
+    pub(crate) fn normal(&self) -> Vector3<f32> {
+        self.normals.normalize()
+    }
+}
+
+/// Width of a pixel on a surface at `depth` that faces the camera.
+pub(crate) fn footprint(map: &DepthMap, depth: f32) -> f32 {
+    depth / map.camera.focal().x as f32
 }
 
 /// Up to `max` of the `others` that show most of the same as `own`, the closest first; `own` itself
