@@ -2,13 +2,12 @@
 
 use std::{
     fs,
-    io::{self, Write},
     path::{Path, PathBuf},
 };
 
 use volery_scene::Stage;
 
-use crate::error::PipelineError;
+use crate::{atomic::write_parts, error::PipelineError};
 
 /// Hash of inputs, options and code.
 pub(crate) type Key = blake3::Hash;
@@ -75,27 +74,12 @@ impl Cache {
     pub(crate) fn put(&self, key: &Key, content: &[u8]) -> Result<(), PipelineError> {
         let path = self.path(key);
         let hash = blake3::hash(content);
-        write_atomic_parts(&path, &[hash.as_bytes(), content])
-            .map_err(|e| PipelineError::io(&path, &e))
+        write_parts(&path, &[hash.as_bytes(), content])
     }
 
     fn path(&self, key: &Key) -> PathBuf {
         self.folder.join(key.to_hex().as_str())
     }
-}
-
-/// Writes a file whole or not at all: a temporary file beside it takes its name.
-pub(crate) fn write_atomic(path: &Path, content: &[u8]) -> Result<(), PipelineError> {
-    write_atomic_parts(path, &[content]).map_err(|e| PipelineError::io(path, &e))
-}
-
-fn write_atomic_parts(path: &Path, parts: &[&[u8]]) -> io::Result<()> {
-    // Two processes may write the same unit; each has a temporary file of its own.
-    let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
-    let mut file = fs::File::create(&temporary)?;
-    parts.iter().try_for_each(|part| file.write_all(part))?;
-    drop(file);
-    fs::rename(&temporary, path)
 }
 
 #[cfg(test)]

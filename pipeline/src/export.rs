@@ -10,7 +10,7 @@ use volery_localization::LocalizationIndex;
 use volery_scene::{Descriptor, EnvironmentMap, Progress, RegisteredImage, SparseModel, Stage};
 
 use crate::{
-    cache::write_atomic,
+    atomic::{clear_torn, write_atomic},
     error::{PipelineError, code},
     heading::NorthInMap,
     ingest::Ingested,
@@ -51,6 +51,8 @@ pub(crate) fn write_files(
     const NUM_FILES: usize = 9;
     let colmap_dir = out_dir.join(file::COLMAP);
     fs::create_dir_all(&colmap_dir).map_err(|e| PipelineError::io(&colmap_dir, &e))?;
+    clear_torn(out_dir)?;
+    clear_torn(&colmap_dir)?;
     let mut done = 0;
     let mut write = |path: &Path, content: &[u8]| {
         progress.check()?;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+mod atomic;
 mod cache;
 mod cameras;
 mod clock;

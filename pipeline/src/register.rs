@@ -18,7 +18,7 @@ use volery_registration::{Link, solve_pose_graph};
 use volery_scene::Progress;
 
 use crate::{
-    JobSpec, PipelineError, StageProgress, cache::write_atomic, error::code, map_folder::file,
+    JobSpec, PipelineError, StageProgress, atomic::write_atomic, error::code, map_folder::file,
 };
 pub use extend::extend_map;
 use pairs::{Pair, align_pairs, no_overlap};

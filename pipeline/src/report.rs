@@ -8,7 +8,7 @@ use volery_scene::{
 };
 
 use crate::{
-    cache::write_atomic,
+    atomic::write_atomic,
     clock::{Stopwatch, peak_rss_mib},
     error::{PipelineError, code},
     ingest::Fate,

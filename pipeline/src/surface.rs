@@ -6,7 +6,8 @@ use std::path::Path;
 use volery_scene::{EnvironmentMap, Photos, Stage};
 
 use crate::{
-    cache::{Cache, write_atomic},
+    atomic::write_atomic,
+    cache::Cache,
     clock::Stopwatch,
     dense::{Dense, dense, depth_maps},
     error::PipelineError,

@@ -17,7 +17,7 @@ use volery_scene::{
 
 use crate::{
     PipelineError,
-    cache::write_atomic,
+    atomic::write_atomic,
     error::code,
     export::{bounds, write_files},
     map_folder::{MapInfo, file, read_map},

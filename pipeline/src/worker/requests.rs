@@ -30,7 +30,7 @@ use super::{
 };
 use crate::{
     CameraSpec, ForeignModel, PipelineError,
-    cache::write_atomic,
+    atomic::write_atomic,
     error::code,
     map_folder::{MapFolder, read_map},
     read_foreign_model, wire,

@@ -16,7 +16,7 @@ mod sockets;
 mod wire;
 
 pub(crate) use leases::LeaseRefusal;
-pub(crate) use news::DroneNews;
+pub(crate) use news::{DroneNews, States};
 pub(crate) use orders::NotCommanded;
 pub(crate) use recorder::RecordingError;
 pub(crate) use service::Drones;

@@ -12,14 +12,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use tokio::sync::{broadcast, watch};
+use tokio::sync::broadcast;
 use volery_api::{Drone, DroneCommandStatus, DroneEvent, DroneState, PutDrone, VisionMessage};
 use volery_flight::{Datagram, Fleet, FleetOptions, Key, VehicleId};
 
 use super::{
     journal::Journal,
     leases::Leases,
-    news::{DroneNews, News},
+    news::{DroneNews, News, States},
     recorder::{Recorder, Running},
     signing_time::{KEEP_TIME, SigningTimes},
     sockets::{self, Sockets},
@@ -189,9 +189,9 @@ impl Drones {
         self.shared.with(|state, now| change(&mut state.flights, &mut state.fleet, now))
     }
 
-    /// States of all drones, ten times a second.
-    pub(crate) fn watch(&self) -> watch::Receiver<Arc<[DroneState]>> {
-        self.shared.read(|state, _| state.news.watch())
+    /// States of a drone, or of all, ten times a second.
+    pub(crate) fn watch(&self, drone: Option<u8>) -> States {
+        self.shared.lock().news.watch(drone)
     }
 
     /// Commands and alerts of all drones from now on.
@@ -276,10 +276,10 @@ impl Shared {
         for event in state.fleet.take_events() {
             state.journal.write(&event, t_ns, &state.news);
         }
-        let fleet = &state.fleet;
-        state.news.tell_states(now, || {
-            fleet.vehicles().map(|vehicle| wire::drone_state(vehicle, now, t_ns))
-        });
+        for vehicle in state.fleet.vehicles() {
+            let tell = || wire::drone_state(vehicle, now, t_ns);
+            state.news.tell_state(now, vehicle.id.0, tell);
+        }
     }
 
     /// Receives, and sends when it is time, until it is told to end.

@@ -2,17 +2,14 @@
 
 use std::sync::Arc;
 
-use tokio::sync::{
-    broadcast::{Receiver, error::RecvError},
-    watch,
-};
+use tokio::sync::broadcast::{Receiver, error::RecvError};
 use uuid::Uuid;
 use volery_api::{DroneAlert, DroneState, FlightNews, ws::ServerBody};
 
 use super::connection::Outbox;
 use crate::{
     error::{ApiError, ApiResult, Code},
-    fleet::DroneNews,
+    fleet::{DroneNews, States},
     state::App,
     streams::Gone,
     task::Task,
@@ -42,7 +39,7 @@ pub(super) fn subscribe(app: &Arc<App>, outbox: &Outbox, topic: &str) -> ApiResu
                 })?),
             };
             let drones = app.drones()?;
-            let (states, news) = (drones.watch(), drones.listen());
+            let (states, news) = (drones.watch(only), drones.listen());
             until_gone(follow(states, news, only, outbox, topic))
         }
         _ => return Ok(None),
@@ -58,7 +55,7 @@ fn until_gone(run: impl Future<Output = Result<(), Gone>> + Send + 'static) -> T
 
 /// States and commands of one drone, or of all.
 async fn follow(
-    mut states: watch::Receiver<Arc<[DroneState]>>,
+    mut states: States,
     mut news: Receiver<DroneNews>,
     only: Option<u8>,
     outbox: Outbox,
@@ -67,13 +64,11 @@ async fn follow(
     let concerns = |drone: u8| only.is_none_or(|only| only == drone);
     loop {
         tokio::select! {
-            changed = states.changed() => {
-                changed.map_err(|_| Gone)?;
-                let seen = Arc::clone(&states.borrow_and_update());
-                for state in seen.iter().filter(|state| concerns(state.id)) {
+            fresh = states.next() => {
+                for state in fresh.ok_or(Gone)? {
                     // A client that reads slowly gets fewer of them.
                     outbox.wait().await?;
-                    let (topic, state) = (topic.clone(), Box::new(state.clone()));
+                    let (topic, state) = (topic.clone(), Box::new(DroneState::clone(&state)));
                     outbox.send(None, ServerBody::DroneState { topic, state })?;
                 }
             }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use volery_scene::DepthMap;
 
-use crate::related::{Related, SAME_DEPTH, SharedSurface, related};
+use crate::related::{Related, SAME_DEPTH, Seen, SharedSurface, related};
 
 /// Other maps that are asked.
 const MAX_RELATED: usize = 16;
@@ -38,7 +38,7 @@ pub(crate) fn confirmed<'a>(
     for index in 0..map.depth.len() {
         match confirmed_surface(map, index, &related) {
             Some(surface) => {
-                kept.depth[index] = surface.depth();
+                kept.depth[index] *= surface.depth();
                 kept.normals[index] = surface.normal().into();
             }
             None => kept.clear(index),
@@ -56,8 +56,9 @@ pub(crate) fn not_seen_through<'a>(
     let related = related(map, others, MAX_RELATED);
     let mut kept = map.clone();
     for index in (0..map.depth.len()).filter(|&index| map.inferred[index]) {
+        let seen = Seen::of(map, index);
         let mut landings = related.iter().filter_map(|other| {
-            let landing = other.landing(map, index)?;
+            let landing = other.landing(&seen)?;
             (!other.map.inferred[landing.pixel]).then_some(landing)
         });
         if landings.any(|l| l.depth < l.known * (1.0 - IN_FRONT)) {
@@ -73,19 +74,21 @@ fn confirmed_surface(map: &DepthMap, index: usize, related: &[Related]) -> Optio
         return None;
     }
     let (mut halves, mut seen_through) = (0, 0);
+    let seen = Seen::of(map, index);
     let normal = Vector3::from(map.normals[index]);
     let mut surface = SharedSurface::new(map, index, &normal);
     for other in related {
-        let Some(landing) = other.landing(map, index) else { continue };
+        let Some(landing) = other.landing(&seen) else { continue };
         if other.map.confidence[landing.pixel] < MIN_CONFIDENCE {
             continue;
         }
-        if other.is_same_surface(&normal, &landing, HALF_CONFIRMED)
-            && other.round_trip_px(map, index, &landing) < SAME_PIXEL_PX
+        let witness = other.witness(&normal, &landing, HALF_CONFIRMED);
+        if let Some(witness) = witness
+            && other.comes_back(&seen, &landing, SAME_PIXEL_PX)
         {
-            let said = if landing.difference() <= SAME_DEPTH { 2 } else { 1 };
+            let said = if witness.is_same_depth { 2 } else { 1 };
             halves += said;
-            surface.hear(other, &landing, 0.5 * said as f32);
+            surface.hear(&witness, 0.5 * said as f32);
         } else if landing.depth < landing.known * (1.0 - IN_FRONT) {
             seen_through += 1;
         }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use volery_scene::{DepthMap, OrientedPoint, PointCloud};
 
-use crate::related::{Related, SAME_DEPTH, SharedSurface, footprint, related};
+use crate::related::{Related, SAME_DEPTH, Seen, SharedSurface, footprint, related};
 
 /// Other maps that a point is averaged over.
 const MAX_RELATED: usize = 16;
@@ -42,23 +42,22 @@ fn fuse_pixel(map: &DepthMap, index: usize, related: &[Related]) -> Option<Orien
         (map.inferred[index], footprint(map, map.depth[index]), map.image)
     };
     let own_rank = rank(map, index);
+    let seen = Seen::of(map, index);
     let normal = Vector3::from(map.normals[index]);
     let mut surface = SharedSurface::new(map, index, &normal);
     let mut confidence = map.confidence[index];
     for other in related {
-        let Some(landing) = other.landing(map, index) else { continue };
-        if !other.is_same_surface(&normal, &landing, SAME_DEPTH) {
-            continue;
-        }
+        let Some(landing) = other.landing(&seen) else { continue };
+        let Some(witness) = other.witness(&normal, &landing, SAME_DEPTH) else { continue };
         if rank(other.map, landing.pixel) < own_rank {
             return None;
         }
         if other.map.inferred[landing.pixel] == map.inferred[index] {
-            surface.hear(other, &landing, 1.0);
+            surface.hear(&witness, 1.0);
             confidence = confidence.max(other.map.confidence[landing.pixel]);
         }
     }
-    let on_surface = map.point_in_cam(index)? * f64::from(surface.depth() / map.depth[index]);
+    let on_surface = map.point_in_cam(index)? * f64::from(surface.depth());
     let rotation = map.cam_from_world.rotation.inverse();
     Some(OrientedPoint {
         position: map.cam_from_world.inverse_transform_point(&on_surface).cast(),

@@ -16,13 +16,29 @@ const SAME_NORMAL_COS: f32 = 0.5;
 /// Part of the grid that another map has to show.
 const MIN_SHOWN: f64 = 0.03;
 
+/// A pixel of a map with its depth, which asks other maps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    u: f32,
+    v: f32,
+    depth: f32,
+}
+
+impl Seen {
+    /// Pixel `index` of `map`, whose depth is known.
+    pub(crate) fn of(map: &DepthMap, index: usize) -> Self {
+        let (row, column) = (index / map.width(), index % map.width());
+        Self { u: column as f32 + 0.5, v: row as f32 + 0.5, depth: map.depth[index] }
+    }
+}
+
 /// Another depth map seen from a map.
 #[derive(Debug, Clone)]
 pub(crate) struct Related<'a> {
     pub(crate) map: &'a DepthMap,
     from_own: Transfer,
     to_own: Transfer,
-    rotation_from_own: Matrix3<f32>,
+    own_from_other: Matrix3<f32>,
 }
 
 /// Where a surface point lands in another map.
@@ -30,6 +46,8 @@ pub(crate) struct Related<'a> {
 pub(crate) struct Landing {
     /// Index of the pixel.
     pub(crate) pixel: usize,
+    /// Position in that map's image.
+    position: [f32; 2],
     /// Depth of the point, seen from there.
     pub(crate) depth: f32,
     /// Depth that the map has there, between its pixels where they show one surface.
@@ -37,28 +55,40 @@ pub(crate) struct Landing {
 }
 
 impl Landing {
-    /// Between the depths, relative to the map's.
-    pub(crate) fn difference(&self) -> f32 {
-        (self.depth - self.known).abs() / self.known
+    /// Whether the depths differ by at most the part `slack` of the map's.
+    fn is_at(&self, slack: f32) -> bool {
+        (self.depth - self.known).abs() <= slack * self.known
     }
+}
+
+/// What another map says of a surface.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Witness {
+    /// Relative to the depth of the pixel that asked.
+    depth: f32,
+    /// Unit vector in the frame of the camera that asked.
+    normal: Vector3<f32>,
+    /// Width of a pixel there, see [`footprint`].
+    footprint: f32,
+    /// Whether its depth is the same.
+    pub(crate) is_same_depth: bool,
 }
 
 impl<'a> Related<'a> {
     fn new(own: &DepthMap, map: &'a DepthMap) -> Self {
         let other_from_own = map.cam_from_world * own.cam_from_world.inverse();
+        let own_from_other = other_from_own.inverse();
         Self {
             map,
             from_own: Transfer::new(&own.camera, &map.camera, &other_from_own),
-            to_own: Transfer::new(&map.camera, &own.camera, &other_from_own.inverse()),
-            rotation_from_own: other_from_own.rotation.to_rotation_matrix().matrix().cast(),
+            to_own: Transfer::new(&map.camera, &own.camera, &own_from_other),
+            own_from_other: own_from_other.rotation.to_rotation_matrix().matrix().cast(),
         }
     }
 
-    /// Where pixel `index` of `own` with its depth lands, `None` where the other map knows nothing.
-    pub(crate) fn landing(&self, own: &DepthMap, index: usize) -> Option<Landing> {
-        let w = 1.0 / own.depth[index];
-        let (u, v) = ((index % own.width()) as f32 + 0.5, (index / own.width()) as f32 + 0.5);
-        let [x, y, z] = self.from_own.apply(u, v, w);
+    /// Where a pixel lands, `None` where the other map knows nothing.
+    pub(crate) fn landing(&self, seen: &Seen) -> Option<Landing> {
+        let [x, y, z] = self.from_own.apply(seen.u, seen.v, 1.0 / seen.depth);
         let (x, y) = (x / z, y / z);
         let (width, height) = (self.map.width(), self.map.height());
         let inside = z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
@@ -67,31 +97,40 @@ impl<'a> Related<'a> {
         }
         let pixel = y as usize * width + x as usize;
         let is_known = self.map.depth[pixel] > 0.0;
-        is_known.then(|| Landing { pixel, depth: z / w, known: depth_at(self.map, pixel, x, y) })
+        is_known.then(|| Landing {
+            pixel,
+            position: [x, y],
+            depth: z * seen.depth,
+            known: depth_at(self.map, pixel, x, y),
+        })
     }
 
-    /// Whether a pixel with `normal` and its landing agree in normal, and in depth but for the part
-    /// `slack`.
+    /// What the map says where a pixel with `normal` lands, if that is the same surface: the normals
+    /// agree, and the depths but for the part `slack`.
     #[inline]
-    pub(crate) fn is_same_surface(
+    pub(crate) fn witness(
         &self,
         normal: &Vector3<f32>,
         landing: &Landing,
         slack: f32,
-    ) -> bool {
-        landing.difference() <= slack && {
-            let theirs = Vector3::from(self.map.normals[landing.pixel]);
-            (self.rotation_from_own * normal).dot(&theirs) > SAME_NORMAL_COS
+    ) -> Option<Witness> {
+        if !landing.is_at(slack) {
+            return None;
         }
+        let theirs = self.own_from_other * Vector3::from(self.map.normals[landing.pixel]);
+        (theirs.dot(normal) > SAME_NORMAL_COS).then(|| Witness {
+            depth: landing.known / landing.depth,
+            normal: theirs,
+            footprint: footprint(self.map, landing.known),
+            is_same_depth: landing.is_at(SAME_DEPTH),
+        })
     }
 
-    /// Pixels between the own pixel and where it comes back to by the other map's depth.
-    pub(crate) fn round_trip_px(&self, own: &DepthMap, index: usize, landing: &Landing) -> f32 {
-        let (u, v) = ((index % own.width()) as f32 + 0.5, (index / own.width()) as f32 + 0.5);
-        // The exact landing, not the center of its pixel: the surface is near enough the same.
-        let [x, y, z] = self.from_own.apply(u, v, 1.0 / own.depth[index]);
-        let [bx, by, bz] = self.to_own.apply(x / z, y / z, 1.0 / landing.known);
-        (bx / bz - u).hypot(by / bz - v)
+    /// Whether a pixel comes back to itself, but for `slack` pixels, by the other map's depth.
+    pub(crate) fn comes_back(&self, seen: &Seen, landing: &Landing, slack: f32) -> bool {
+        let [x, y] = landing.position;
+        let [x, y, z] = self.to_own.apply(x, y, 1.0 / landing.known);
+        (x / z - seen.u).powi(2) + (y / z - seen.v).powi(2) < slack * slack
     }
 }
 
@@ -120,33 +159,30 @@ fn depth_at(map: &DepthMap, pixel: usize, x: f32, y: f32) -> f32 {
 /// grows with the size of its pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SharedSurface {
-    own: f32,
     own_footprint: f32,
-    sum: f32,
-    weights: f32,
+    depths: f32,
     normals: Vector3<f32>,
+    weights: f32,
 }
 
 impl SharedSurface {
     /// As the first map has it.
     pub(crate) fn new(map: &DepthMap, index: usize, normal: &Vector3<f32>) -> Self {
-        let own = map.depth[index];
-        let own_footprint = footprint(map, own);
-        Self { own, own_footprint, sum: own, weights: 1.0, normals: *normal }
+        let own_footprint = footprint(map, map.depth[index]);
+        Self { own_footprint, depths: 1.0, normals: *normal, weights: 1.0 }
     }
 
     /// Hears another map, `part` of which counts.
-    pub(crate) fn hear(&mut self, other: &Related<'_>, landing: &Landing, part: f32) {
-        let weight = part * (self.own_footprint / footprint(other.map, landing.known)).powi(2);
-        self.sum += weight * self.own * landing.known / landing.depth;
+    pub(crate) fn hear(&mut self, witness: &Witness, part: f32) {
+        let weight = part * (self.own_footprint / witness.footprint).powi(2);
+        self.depths += weight * witness.depth;
+        self.normals += weight * witness.normal;
         self.weights += weight;
-        let normal = Vector3::from(other.map.normals[landing.pixel]);
-        self.normals += weight * other.rotation_from_own.tr_mul(&normal);
     }
 
-    /// Seen from the first map.
+    /// Relative to the first map's.
     pub(crate) fn depth(&self) -> f32 {
-        self.sum / self.weights
+        self.depths / self.weights
     }
 
     /// In the frame of the first map's camera.
@@ -189,7 +225,7 @@ fn num_shown(own: &DepthMap, relation: &Related<'_>) -> usize {
     grid.filter(|&(i, j)| {
         let index = at(j, own.height()) * own.width() + at(i, own.width());
         own.depth[index] > 0.0
-            && relation.landing(own, index).is_some_and(|l| l.difference() < SAME)
+            && relation.landing(&Seen::of(own, index)).is_some_and(|l| l.is_at(SAME))
     })
     .count()
 }
