@@ -1,7 +1,6 @@
 //! Cameras that the service pulls, over real sockets.
 
 use std::{
-    net::SocketAddr,
     sync::atomic::Ordering,
     time::{Duration, Instant},
 };
@@ -11,15 +10,14 @@ use crate::{
     support::{
         Client, Server,
         camera::{Answer, TestCamera},
-        config, photo,
+        config,
+        field::{self, Field, believes_to_be_at},
+        photo,
     },
 };
 use serde_json::{Value, json};
-use volery_server::{Config, MavlinkSettings};
-use volery_simulator::{
-    DroneOptions, Flavor, Space,
-    shell::{Simulation, simulate},
-};
+use volery_server::Config;
+use volery_simulator::{DroneOptions, Flavor};
 
 const PATH: &str = "/v1/drones/7/camera";
 
@@ -128,7 +126,7 @@ async fn a_pulled_camera_tells_where_its_drone_is() {
 async fn cameras_outlive_the_service() {
     let server = Server::start_with(|config| {
         allow_loopback(config);
-        config.mavlink = Some(MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0))));
+        field::hear_drones(config);
     })
     .await;
     let map = server.client.map().await;
@@ -152,7 +150,7 @@ async fn cameras_outlive_the_service() {
 
     let mut config = config(&data);
     allow_loopback(&mut config);
-    config.mavlink = Some(MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0))));
+    field::hear_drones(&mut config);
     let running = volery_server::start(config).await.unwrap();
     let client = Client { addr: running.addr, ..client };
     let again = camera_when(&client, PATH, |camera| frames(camera) > 2).await;
@@ -293,10 +291,7 @@ async fn what_is_wrong_with_a_camera_has_a_name() {
 async fn a_pulled_camera_feeds_its_drone() {
     let server = Server::start_with(|config| {
         allow_loopback(config);
-        let mut mavlink = MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0)));
-        mavlink.accept_unsigned = true;
-        mavlink.max_pose_age = Duration::from_secs(1);
-        config.mavlink = Some(mavlink);
+        field::hear_drones(config);
     })
     .await;
     let client = &server.client;
@@ -308,34 +303,8 @@ async fn a_pulled_camera_feeds_its_drone() {
     let align = json!({"known_distance": {"image_a": "a.jpg", "image_b": "b.jpg", "meters": 3.0}});
     client.post(&format!("/v1/maps/{map}/align"), align).await.expect(201);
     put(client, PATH, settings).await;
-    let simulation = Simulation {
-        server: server.running.mavlink_addr().unwrap(),
-        bind: [127, 0, 0, 1].into(),
-        drones: vec![DroneOptions::new(7, Flavor::Px4, [0.0; 3].into())],
-        space: Space::Open,
-        separation: 0.5,
-        faults: Vec::new(),
-        feed: None,
-        report_interval: Duration::from_secs(1),
-    };
-    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let flight = simulate(simulation, async { drop(stopped.await) }, |_| {});
-    let look = async {
-        let start = Instant::now();
-        loop {
-            let drone = client.get("/v1/drones/7").await.json();
-            let place = &drone["state"]["estimate"]["position"];
-            let is_there = |axis: usize, at: f64| {
-                place[axis].as_f64().is_some_and(|value| (value - at).abs() < 0.05)
-            };
-            if is_there(0, 1.0) && is_there(1, 2.0) && is_there(2, 0.5) {
-                break;
-            }
-            assert!(start.elapsed() < PATIENCE, "the drone believes to be at {place}");
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-        stop.send(()).unwrap();
-    };
-    let (summary, ()) = tokio::join!(flight, look);
-    assert_eq!(summary.unwrap().contacts, 0);
+    let drone = DroneOptions::new(7, Flavor::Px4, [0.0; 3].into());
+    let field = Field::open_untold(&server, vec![drone]);
+    field.until("/v1/drones/7", |drone| believes_to_be_at(drone, [1.0, 2.0, 0.5])).await;
+    assert_eq!(field.close().await.contacts, 0);
 }

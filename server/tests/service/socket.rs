@@ -2,7 +2,11 @@
 
 use std::time::Duration;
 
-use crate::support::{Server, photo};
+use crate::support::{
+    Server,
+    field::{self, Field, believes_to_be_at},
+    photo,
+};
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use tokio_tungstenite::{
@@ -10,11 +14,7 @@ use tokio_tungstenite::{
     tungstenite::{Message, client::IntoClientRequest},
 };
 use volery_api::ws::join_frame;
-use volery_server::MavlinkSettings;
-use volery_simulator::{
-    DroneOptions, Flavor, Space,
-    shell::{Simulation, simulate},
-};
+use volery_simulator::{DroneOptions, Flavor};
 
 pub(crate) type Socket = WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>;
 
@@ -244,12 +244,7 @@ async fn a_stream_that_tracks_keeps_its_worker() {
 /// not command drones may not feed them.
 #[tokio::test]
 async fn a_stream_feeds_its_drone() {
-    let server = Server::start_with(|config| {
-        let mut mavlink = MavlinkSettings::new(std::net::SocketAddr::from(([127, 0, 0, 1], 0)));
-        mavlink.accept_unsigned = true;
-        config.mavlink = Some(mavlink);
-    })
-    .await;
+    let server = field::server().await;
     let map = server.client.map().await;
     let mount = json!({"position": [0.1, 0.0, 0.0], "orientation": [0.5, -0.5, 0.5, -0.5]});
     let drone = json!({"name": "one", "body_from_camera": mount});
@@ -273,41 +268,23 @@ async fn a_stream_feeds_its_drone() {
 
     say(&mut socket, open(&map, "7", true)).await;
     let stream = next(&mut socket).await["stream_id"].clone();
-    let simulation = Simulation {
-        server: server.running.mavlink_addr().unwrap(),
-        bind: [127, 0, 0, 1].into(),
-        drones: vec![DroneOptions::new(7, Flavor::Px4, [0.0; 3].into())],
-        space: Space::Open,
-        separation: 0.5,
-        faults: Vec::new(),
-        feed: None,
-        report_interval: Duration::from_secs(1),
-    };
-    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-    let flight = simulate(simulation, async { drop(stopped.await) }, |_| {});
-    let look = async {
-        let mut place = Value::Null;
-        let start = std::time::Instant::now();
-        for seq in 1..=600 {
-            let t_capture_ns = start.elapsed().as_nanos() as u64;
-            socket.send(tracking_frame(&stream, seq, t_capture_ns, "fast")).await.unwrap();
-            let answer = next(&mut socket).await;
-            assert_eq!(answer["type"], "frame.tracked", "{answer}");
-            let drone = server.client.get("/v1/drones/7").await.expect(200).json();
-            place = drone["state"]["estimate"]["position"].clone();
-            let is_there = |axis: usize, at: f64| {
-                place[axis].as_f64().is_some_and(|value| (value - at).abs() < 0.05)
-            };
-            // The camera looks along x, 10 cm before the middle.
-            if is_there(0, 0.9) && is_there(1, 2.0) && is_there(2, 0.5) {
-                stop.send(()).unwrap();
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
+    let drone = DroneOptions::new(7, Flavor::Px4, [0.0; 3].into());
+    let field = Field::open_untold(&server, vec![drone]);
+    let start = std::time::Instant::now();
+    let mut shown = Value::Null;
+    for seq in 1..=600 {
+        let t_capture_ns = start.elapsed().as_nanos() as u64;
+        socket.send(tracking_frame(&stream, seq, t_capture_ns, "fast")).await.unwrap();
+        let answer = next(&mut socket).await;
+        assert_eq!(answer["type"], "frame.tracked", "{answer}");
+        shown = server.client.get("/v1/drones/7").await.json();
+        // The camera looks along x, 10 cm before the middle.
+        if believes_to_be_at(&shown, [0.9, 2.0, 0.5]) {
+            assert_eq!(field.close().await.contacts, 0);
+            return;
         }
-        let events = server.client.get("/v1/drones/7/events").await.expect(200).json();
-        panic!("the drone believes to be at {place}: {events}");
-    };
-    let (summary, ()) = tokio::join!(flight, look);
-    assert_eq!(summary.unwrap().contacts, 0);
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    let events = server.client.get("/v1/drones/7/events").await.expect(200).json();
+    panic!("{shown}: {events}");
 }

@@ -12,7 +12,7 @@ use tokio::{
     sync::{mpsc, oneshot},
     task::JoinHandle,
 };
-use volery_server::MavlinkSettings;
+use volery_server::{Config, MavlinkSettings};
 use volery_simulator::{
     DroneOptions, Space,
     shell::{Line, Simulation, State, Summary, simulate},
@@ -23,15 +23,23 @@ use super::{Client, Server};
 /// For anything to come true.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A service with a link to drones that need not sign, on a machine that may be busy.
+/// A link to drones that need not sign, on a machine that may be busy.
+pub(crate) fn hear_drones(config: &mut Config) {
+    let mut mavlink = MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0)));
+    mavlink.accept_unsigned = true;
+    mavlink.max_pose_age = Duration::from_secs(1);
+    config.mavlink = Some(mavlink);
+}
+
+/// A service with such a link.
 pub(crate) async fn server() -> Server {
-    Server::start_with(|config| {
-        let mut mavlink = MavlinkSettings::new(SocketAddr::from(([127, 0, 0, 1], 0)));
-        mavlink.accept_unsigned = true;
-        mavlink.max_pose_age = Duration::from_secs(1);
-        config.mavlink = Some(mavlink);
-    })
-    .await
+    Server::start_with(hear_drones).await
+}
+
+/// Whether a drone, as the service shows it, takes itself to be within 5 cm of a place.
+pub(crate) fn believes_to_be_at(drone: &Value, place: [f64; 3]) -> bool {
+    let estimate = &drone["state"]["estimate"]["position"];
+    (0..3).all(|axis| estimate[axis].as_f64().is_some_and(|at| (at - place[axis]).abs() < 0.05))
 }
 
 /// Drones in an open space.
@@ -40,12 +48,27 @@ pub(crate) struct Field {
     truth: Arc<Mutex<BTreeMap<u8, State>>>,
     stop: oneshot::Sender<()>,
     run: JoinHandle<Summary>,
-    feed: JoinHandle<()>,
+    /// None where the drones are told their places otherwise.
+    feed: Option<JoinHandle<()>>,
 }
 
 impl Field {
     /// Switches the drones on. Each is told where it is.
     pub(crate) fn open(server: &Server, drones: Vec<DroneOptions>) -> Self {
+        let (mut field, told) = Self::start(server, drones);
+        field.feed = Some(tokio::spawn(feed(field.client.clone(), told)));
+        field
+    }
+
+    /// Switches the drones on. They are told nothing.
+    pub(crate) fn open_untold(server: &Server, drones: Vec<DroneOptions>) -> Self {
+        Self::start(server, drones).0
+    }
+
+    fn start(
+        server: &Server,
+        drones: Vec<DroneOptions>,
+    ) -> (Self, mpsc::UnboundedReceiver<(Instant, State)>) {
         let simulation = Simulation {
             server: server.running.mavlink_addr().unwrap(),
             bind: [127, 0, 0, 1].into(),
@@ -66,16 +89,14 @@ impl Field {
                 let each = |line: &Line| {
                     if let Line::State(state) = line {
                         truth.lock().unwrap().insert(state.system_id, (**state).clone());
-                        // The one who listens ends first.
+                        // Whoever listens ends first.
                         let _ = tell.send((Instant::now(), (**state).clone()));
                     }
                 };
                 simulate(simulation, stopped, each).await.unwrap()
             }
         });
-        let client = server.client.clone();
-        let feed = tokio::spawn(feed(client.clone(), told));
-        Self { client, truth, stop, run, feed }
+        (Self { client: server.client.clone(), truth, stop, run, feed: None }, told)
     }
 
     /// How a drone truly is.
@@ -115,7 +136,9 @@ impl Field {
 
     /// Switches the drones off.
     pub(crate) async fn close(self) -> Summary {
-        self.feed.abort();
+        if let Some(feed) = self.feed {
+            feed.abort();
+        }
         // It may have ended by itself.
         let _ = self.stop.send(());
         self.run.await.unwrap()
