@@ -71,11 +71,12 @@ async fn fly_mavsdk(python: &Path) -> (Result<f64, String>, Duration) {
 async fn a_drone_behind_mavproxy_flies_to_its_targets() {
     let Some(script) = peers::drone_sim() else { return };
     let Some(python) = support::python("pymavlink, MAVProxy") else { return };
-    for flavor in ["ardupilot", "px4"] {
+    let fly = async |flavor: &str| {
         let what = format!("{flavor} behind MAVProxy");
         let fly = || fly_behind_mavproxy(flavor, &what, &python, &script);
         until_undisturbed(&what, LIMIT, fly).await;
-    }
+    };
+    tokio::join!(fly("ardupilot"), fly("px4"));
 }
 
 /// The worst true error at a target, and the longest pause of the simulator.
