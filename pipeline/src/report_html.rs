@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use nalgebra::Vector3;
+use serde::Serialize;
 use volery_scene::{EnvironmentMap, Verdict};
 
 use crate::{
@@ -117,7 +118,7 @@ fn facts(html: &mut String, summary: &Summary) -> std::fmt::Result {
     };
     let scale = if summary.scale.metric {
         let sigma = number(summary.scale.sigma_rel.map(|s| s * 100.0), 2, " %");
-        format!("metric, from {:?}, sigma {sigma}", summary.scale.source)
+        format!("metric, from {}, sigma {sigma}", words(&summary.scale.source))
     } else {
         "NOT METRIC".to_owned()
     };
@@ -132,8 +133,8 @@ fn facts(html: &mut String, summary: &Summary) -> std::fmt::Result {
         ("other zones", summary.num_zones.to_string()),
         ("mapper", summary.mapper.clone()),
         ("scale", scale),
-        ("gravity", format!("from {:?}, sigma {gravity_sigma}", summary.gravity.source)),
-        ("origin", format!("{:?}", summary.origin)),
+        ("gravity", format!("from {}, sigma {gravity_sigma}", words(&summary.gravity.source))),
+        ("origin", words(&summary.origin)),
         ("peak memory", number(summary.peak_rss_mib, 0, " MiB")),
     ];
     html.push_str("<table>");
@@ -144,18 +145,24 @@ fn facts(html: &mut String, summary: &Summary) -> std::fmt::Result {
         let params: Vec<String> = camera.camera.params.iter().map(|p| format!("{p:.5}")).collect();
         write!(
             html,
-            "<tr><th>camera {i}<td>{} {}x{}, {} images, from {:?} (focal {:.1} px): {}",
+            "<tr><th>camera {i}<td>{} {}x{}, {} images, {} (focal {:.1} px): {}",
             camera.camera.model.name(),
             camera.camera.width,
             camera.camera.height,
             camera.num_images,
-            camera.source,
+            words(&camera.source),
             camera.initial_focal_px,
             params.join(", ")
         )?;
     }
     html.push_str("</table>");
     Ok(())
+}
+
+/// The name of a choice as people write it.
+fn words(choice: &impl Serialize) -> String {
+    let name = serde_json::to_value(choice).unwrap_or_default();
+    name.as_str().unwrap_or_default().replace('_', " ")
 }
 
 /// Points and cameras from above: map x up, map y to the left.
