@@ -140,7 +140,7 @@ mod tests {
         serde_json::from_value(state).unwrap()
     }
 
-    /// 50 drones for 10 s, polled every 10 ms: each is told 100 times, and never many at once.
+    /// 50 drones for 10 s, polled every 10 ms: each is told 100 times, five at once but for two.
     #[test]
     fn the_drones_take_turns() {
         let mut news = News::new();

@@ -38,7 +38,7 @@ pub(crate) struct Related<'a> {
     pub(crate) map: &'a DepthMap,
     from_own: Transfer,
     to_own: Transfer,
-    own_from_other: Matrix3<f32>,
+    rotation_to_own: Matrix3<f32>,
 }
 
 /// Where a surface point lands in another map.
@@ -82,7 +82,7 @@ impl<'a> Related<'a> {
             map,
             from_own: Transfer::new(&own.camera, &map.camera, &other_from_own),
             to_own: Transfer::new(&map.camera, &own.camera, &own_from_other),
-            own_from_other: own_from_other.rotation.to_rotation_matrix().matrix().cast(),
+            rotation_to_own: own_from_other.rotation.to_rotation_matrix().matrix().cast(),
         }
     }
 
@@ -117,7 +117,7 @@ impl<'a> Related<'a> {
         if !landing.is_at(slack) {
             return None;
         }
-        let theirs = self.own_from_other * Vector3::from(self.map.normals[landing.pixel]);
+        let theirs = self.rotation_to_own * Vector3::from(self.map.normals[landing.pixel]);
         (theirs.dot(normal) > SAME_NORMAL_COS).then(|| Witness {
             depth: landing.known / landing.depth,
             normal: theirs,
