@@ -1,15 +1,29 @@
-//! Bodies must come at some pace: a few bytes now and then would keep a connection for ever.
+//! Bodies as they come: at some pace, since a few bytes now and then would keep a connection for
+//! ever, and to their end, since whoever is still sending does not hear the answer.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    pin::Pin,
+    sync::Arc,
+    task::{Context, Poll},
+    time::Duration,
+};
 
 use axum::{
-    body::{Body, Bytes},
+    BoxError,
+    body::{Body, Bytes, HttpBody},
     extract::{Request, State},
+    http::header,
     middleware::Next,
     response::Response,
 };
-use futures_util::{StreamExt, stream};
-use tokio::time::{Instant, timeout};
+use futures_util::{
+    Stream, StreamExt,
+    stream::{self, BoxStream},
+};
+use tokio::{
+    runtime::Handle,
+    time::{Instant, timeout},
+};
 
 use crate::state::App;
 
@@ -37,6 +51,7 @@ impl Patience {
 }
 
 /// Fails bodies that pause, or come at less than the least pace. Only time spent waiting counts.
+/// What no handler read is read here, unless the sender waits to be asked for it.
 pub(crate) async fn keep_pace(
     State(app): State<Arc<App>>,
     request: Request,
@@ -50,15 +65,56 @@ pub(crate) async fn keep_pace(
         waited: Duration::ZERO,
     };
     let (parts, body) = request.into_parts();
-    let paced = stream::try_unfold((body.into_data_stream(), patience), next_piece);
-    next.run(Request::from_parts(parts, Body::from_stream(paced))).await
+    if body.is_end_stream() {
+        return next.run(Request::from_parts(parts, body)).await;
+    }
+    let pieces = stream::try_unfold((body.into_data_stream(), patience), next_piece).boxed();
+    let body = if parts.headers.contains_key(header::EXPECT) {
+        Body::from_stream(pieces)
+    } else {
+        Body::from_stream(ToTheEnd { pieces: Some(pieces) })
+    };
+    next.run(Request::from_parts(parts, body)).await
+}
+
+/// A body that is read to its end when it is dropped before: the connection could not serve the
+/// next request otherwise, and its closing would overtake the answer.
+struct ToTheEnd {
+    /// None once ended.
+    pieces: Option<BoxStream<'static, Result<Bytes, BoxError>>>,
+}
+
+/// Longest time for what nobody reads.
+const LINGER: Duration = Duration::from_secs(30);
+
+impl Stream for ToTheEnd {
+    type Item = Result<Bytes, BoxError>;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let Some(pieces) = &mut self.pieces else { return Poll::Ready(None) };
+        let next = pieces.poll_next_unpin(context);
+        if matches!(next, Poll::Ready(None | Some(Err(_)))) {
+            self.pieces = None;
+        }
+        next
+    }
+}
+
+impl Drop for ToTheEnd {
+    fn drop(&mut self) {
+        let (Some(mut pieces), Ok(runtime)) = (self.pieces.take(), Handle::try_current()) else {
+            return;
+        };
+        runtime
+            .spawn(timeout(LINGER, async move { while let Some(Ok(_)) = pieces.next().await {} }));
+    }
 }
 
 type Waiting = (axum::body::BodyDataStream, Patience);
 
 async fn next_piece(
     (mut body, mut patience): Waiting,
-) -> Result<Option<(Bytes, Waiting)>, axum::BoxError> {
+) -> Result<Option<(Bytes, Waiting)>, BoxError> {
     let start = Instant::now();
     let piece = match timeout(patience.left(), body.next()).await {
         Err(_) => return Err(Box::new(TooSlow)),

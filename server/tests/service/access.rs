@@ -1,11 +1,5 @@
 //! Tokens, roles, limits, errors.
 
-use std::{
-    io::{Read, Write},
-    net::TcpStream,
-    time::{Duration, Instant},
-};
-
 use crate::support::{Client, Server};
 use serde_json::json;
 use volery_api::Role;
@@ -204,64 +198,6 @@ async fn a_body_over_the_limit_is_refused_before_it_is_read() {
     assert_eq!(answer.code(), "too_large");
 }
 
-/// hyper keeps half a header for ever unless it is given a timer.
-#[tokio::test]
-async fn half_a_header_is_closed() {
-    let server = Server::start_with(|config| config.limits.header_timeout_s = 1).await;
-    let addr = server.running.addr;
-    let waited = tokio::task::spawn_blocking(move || {
-        let mut stream = TcpStream::connect(addr).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        stream.write_all(b"GET /healthz HTTP/1.1\r\nHost: x\r\nX-Slow: ").unwrap();
-        let start = Instant::now();
-        let mut rest = Vec::new();
-        stream.read_to_end(&mut rest).unwrap();
-        start.elapsed()
-    });
-    assert!(waited.await.unwrap() < Duration::from_secs(10));
-}
-
-#[tokio::test]
-async fn a_body_that_pauses_is_given_up() {
-    let server = Server::start_with(|config| config.limits.body_idle_timeout_s = 1).await;
-    let token = server.client.token.clone().unwrap();
-    let head = format!(
-        "POST /v1/imagesets HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\
-         Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{"
-    );
-    let answer = server.client.raw(head.into_bytes()).await.expect(408);
-    assert_eq!(answer.code(), "request_timeout");
-}
-
-/// Each byte comes in time, all of them never.
-#[tokio::test]
-async fn a_body_that_trickles_is_given_up() {
-    let server = Server::start_with(|config| {
-        config.limits.body_idle_timeout_s = 1;
-        config.limits.body_min_bytes_per_s = 1000;
-    })
-    .await;
-    let (addr, token) = (server.running.addr, server.client.token.clone().unwrap());
-    let answer = tokio::task::spawn_blocking(move || {
-        let mut stream = TcpStream::connect(addr).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-        let head = format!(
-            "POST /v1/imagesets HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\
-             Content-Type: application/json\r\nContent-Length: 10000\r\n\r\n{{"
-        );
-        stream.write_all(head.as_bytes()).unwrap();
-        let start = Instant::now();
-        let mut answer = [0; 12];
-        // The pause between two bytes is the time-out of the read.
-        while stream.read_exact(&mut answer).is_err() {
-            assert!(start.elapsed() < Duration::from_secs(20), "it waits for ever");
-            let _ = stream.write_all(b" ");
-        }
-        String::from_utf8_lossy(&answer).into_owned()
-    });
-    assert_eq!(answer.await.unwrap(), "HTTP/1.1 408");
-}
-
 #[tokio::test]
 async fn the_page_is_served_packed_cached_and_under_a_strict_policy() {
     let server = Server::start().await;
@@ -318,21 +254,6 @@ async fn cameras_are_made_replaced_and_listed() {
     let nowhere = "/v1/cameras/01900000-0000-7000-8000-000000000000";
     let body = json!({"name": "x", "camera": camera(1.0)});
     client.json("PUT", nowhere, &[], body).await.expect(404);
-}
-
-#[tokio::test]
-async fn connections_over_the_limit_are_closed_and_others_go_on() {
-    let server = Server::start_with(|config| config.limits.connections = 2).await;
-    let addr = server.running.addr;
-    let held: Vec<_> = (0..2).map(|_| TcpStream::connect(addr).unwrap()).collect();
-    let start = Instant::now();
-    while server.client.get("/healthz").await.status != 0 {
-        assert!(start.elapsed() < Duration::from_secs(10), "a third connection was served");
-    }
-    drop(held);
-    while server.client.get("/healthz").await.status != 200 {
-        assert!(start.elapsed() < Duration::from_secs(10), "places come back");
-    }
 }
 
 #[tokio::test]

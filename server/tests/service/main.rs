@@ -3,6 +3,7 @@
 mod access;
 mod all_stop;
 mod audit;
+mod connections;
 mod crash;
 mod drones;
 mod flights;

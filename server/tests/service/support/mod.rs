@@ -145,7 +145,7 @@ impl Client {
         tokio::task::spawn_blocking(move || {
             let mut stream = TcpStream::connect(addr).unwrap();
             stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-            // The service may answer and close before it has read everything.
+            // A connection over the limit is closed unread: status 0.
             let _ = stream.write_all(&bytes);
             let mut answer = Vec::new();
             let _ = stream.read_to_end(&mut answer);
