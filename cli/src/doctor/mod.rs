@@ -17,7 +17,7 @@ use crate::{
 /// Less memory than this makes maps of hundreds of photos fail, MiB.
 const MIN_MEMORY_MIB: u64 = 2048;
 
-/// The server stops taking uploads when less is free, MiB.
+/// Free room for photos and maps, MiB: well above the reserve at which the server refuses uploads.
 const MIN_DISK_MIB: u64 = 2048;
 
 #[derive(Debug, Serialize)]
