@@ -74,7 +74,7 @@ pub enum OriginRule {
     LastCamera,
     /// Mean of the camera positions.
     MeanCameras,
-    /// The frame of the position priors or control points is kept as it is.
+    /// The frame of the position priors or control points is kept as it is, or the map was moved.
     Given,
 }
 
@@ -115,6 +115,9 @@ pub struct Sim3 {
     /// Whether lengths are meters afterwards.
     #[serde(default)]
     pub metric: bool,
+    /// Standard deviation of `scale` relative to it, where something tells it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_rel: Option<f64>,
 }
 
 impl Sim3 {
@@ -122,6 +125,9 @@ impl Sim3 {
     pub fn problem(&self) -> Option<String> {
         if !(self.scale.is_finite() && self.scale > 0.0) {
             return Some(format!("the scale must be positive, got {}", self.scale));
+        }
+        if self.sigma_rel.is_some_and(|sigma| !(sigma.is_finite() && sigma > 0.0)) {
+            return Some("sigma_rel must be positive".to_owned());
         }
         pose_problem(&self.translation, &self.rotation)
     }

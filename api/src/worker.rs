@@ -114,6 +114,9 @@ pub struct JobImage {
     /// Intrinsics of this image, where they differ from the job's; kept fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<Camera>,
+    /// Photos of one group, size and focal length share the camera that is estimated for them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_group: Option<String>,
     /// What else is known of it.
     #[serde(default)]
     pub prior: Prior,

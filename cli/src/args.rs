@@ -13,7 +13,7 @@ mod simulate;
 mod values;
 
 pub(crate) use demo::{CompareArgs, DemoArgs};
-pub(crate) use reconstruct::{EffortArgs, ModelArgs, ReconstructArgs};
+pub(crate) use reconstruct::{EffortArgs, FlightArgs, ModelArgs, ReconstructArgs};
 pub(crate) use simulate::{RoomArg, SimulateArgs};
 pub(crate) use values::{MethodArg, RegistrationArg};
 use values::{known_distance, position, speed, udp_address};
@@ -100,11 +100,17 @@ pub(crate) enum Command {
     RunLocalizer,
 }
 
+/// Names the server where `--server` does not.
+const SERVER_VARIABLE: &str = "VOLERY_SERVER";
+
+/// The server where nothing names one.
+const DEFAULT_SERVER: &str = "http://127.0.0.1:8420";
+
 /// Which server, and who asks.
 #[derive(Debug, Args)]
 pub(crate) struct ServerArgs {
     /// Address of the server.
-    #[arg(long, env = "VOLERY_SERVER", default_value = "http://127.0.0.1:8420", global = true)]
+    #[arg(long, env = SERVER_VARIABLE, default_value = DEFAULT_SERVER, global = true)]
     pub(crate) server: String,
     /// Token; the environment keeps it out of the list of processes.
     #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true, global = true)]
@@ -168,9 +174,8 @@ pub(crate) struct UploadArgs {
     /// Calibration of the photos.
     #[arg(long, conflicts_with = "imageset")]
     pub(crate) camera: Option<PathBuf>,
-    /// Telemetry of the photos.
-    #[arg(long)]
-    pub(crate) telemetry: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) flight: FlightArgs,
     #[command(flatten)]
     pub(crate) given: ModelArgs,
     /// Submit a reconstruction of the set and wait for it.
@@ -299,7 +304,7 @@ pub(crate) enum MapsCommand {
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArgs {
     /// Address of a server to check too.
-    #[arg(long, env = "VOLERY_SERVER")]
+    #[arg(long, env = SERVER_VARIABLE)]
     pub(crate) server: Option<String>,
     /// Token.
     #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true)]
@@ -318,7 +323,7 @@ pub(crate) struct DoctorArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct LocalizeArgs {
-    /// Map folder (unless --server is given), then photos or folders of photos.
+    /// Map folder (unless --map is given), then photos or folders of photos.
     #[arg(required = true)]
     pub(crate) paths: Vec<PathBuf>,
     /// Ask this server instead of a map folder.
@@ -327,8 +332,8 @@ pub(crate) struct LocalizeArgs {
     /// Token for the server.
     #[arg(long, env = "VOLERY_TOKEN", hide_env_values = true)]
     pub(crate) token: Option<String>,
-    /// Map on the server.
-    #[arg(long, requires = "server")]
+    /// Map on the server; without `--server` on that of VOLERY_SERVER, else of this machine.
+    #[arg(long)]
     pub(crate) map: Option<Uuid>,
     /// Version of the map; the active one when absent.
     #[arg(long, requires = "map")]
@@ -356,6 +361,15 @@ pub(crate) struct LocalizeArgs {
     /// Seed of all random choices.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+impl LocalizeArgs {
+    /// The map to ask for, and its server; `None` for a map folder.
+    pub(crate) fn remote(&self) -> Option<(String, Uuid)> {
+        let server =
+            || std::env::var(SERVER_VARIABLE).unwrap_or_else(|_| DEFAULT_SERVER.to_owned());
+        Some((self.server.clone().unwrap_or_else(server), self.map?))
+    }
 }
 
 #[cfg(test)]

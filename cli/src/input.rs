@@ -8,9 +8,11 @@ use std::{
 };
 
 use volery_api::worker::MODEL_FILES;
-use volery_formats::{TelemetrySigmas, read_camera_json, read_telemetry_csv};
+use volery_formats::{TelemetrySigmas, read_camera_json, read_positions_csv, read_telemetry_csv};
 use volery_pipeline::{CameraSpec, ForeignModel, PipelineError, error::code, read_foreign_model};
 use volery_scene::ImagePrior;
+
+use crate::args::FlightArgs;
 
 /// A photo by the name it goes by.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -110,6 +112,20 @@ pub(crate) fn telemetry(path: &Path) -> Result<BTreeMap<String, ImagePrior>, Pip
     let rows = read_telemetry_csv(&read(path)?, &TelemetrySigmas::default())
         .map_err(|e| unusable(path, &e))?;
     Ok(rows.into_iter().map(|row| (row.image, row.prior)).collect())
+}
+
+/// Priors by image name: telemetry, and positions, which win over those of the telemetry.
+pub(crate) fn priors(flight: &FlightArgs) -> Result<BTreeMap<String, ImagePrior>, PipelineError> {
+    let known = flight.telemetry.as_deref().map(telemetry).transpose()?;
+    let mut priors = known.unwrap_or_default();
+    if let Some(path) = &flight.positions {
+        let positions = read_positions_csv(&read(path)?, flight.position_sigma)
+            .map_err(|e| unusable(path, &e))?;
+        for position in positions {
+            priors.entry(position.image).or_default().position = Some(position.prior);
+        }
+    }
+    Ok(priors)
 }
 
 /// The model of another program, a folder or a file, for photos of these names.

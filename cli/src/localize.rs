@@ -40,7 +40,7 @@ pub(crate) enum AnswerResult {
 }
 
 pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
-    if let Some((server, map)) = args.server.as_deref().zip(args.map) {
+    if let Some((server, map)) = args.remote() {
         return crate::remote::localize(args, server, map, json);
     }
     let [folder, photos @ ..] = args.paths.as_slice() else { return Err(no_photos()) };
@@ -157,10 +157,8 @@ pub(crate) fn print_text(answer: &Answer) {
                     answer.image, found.num_inliers
                 );
             }
-            (None, reason) => {
-                let reason = reason.as_deref().unwrap_or("ambiguous");
-                println!("{}: not found, {reason}", answer.image);
-            }
+            (None, Some(reason)) => println!("{}: not found, {reason}", answer.image),
+            (None, None) => println!("{}: ambiguous", answer.image),
         },
     }
 }
@@ -169,6 +167,6 @@ fn no_photos() -> PipelineError {
     PipelineError::new(
         code::BAD_INPUT,
         "no photos are named",
-        "volery localize MAP PHOTOS, or volery localize --server URL --map ID PHOTOS",
+        "volery localize MAP PHOTOS, or volery localize [--server URL] --map ID PHOTOS",
     )
 }

@@ -1,8 +1,7 @@
 //! `volery reconstruct`.
 
-use std::{collections::BTreeMap, fs};
+use std::fs;
 
-use volery_formats::read_positions_csv;
 use volery_pipeline::{
     ForeignModel, ImageInput, JobSpec, PipelineError, Summary, error::code, reconstruct,
 };
@@ -47,17 +46,7 @@ fn resumable(error: PipelineError, has_own_work: bool) -> PipelineError {
 
 fn job_spec(args: &ReconstructArgs) -> Result<JobSpec, PipelineError> {
     let files = input::photos(&args.photos)?;
-    let mut priors = match &args.telemetry {
-        Some(path) => input::telemetry(path)?,
-        None => BTreeMap::new(),
-    };
-    if let Some(path) = &args.positions {
-        let positions = read_positions_csv(&input::read(path)?, args.position_sigma)
-            .map_err(|e| input::unusable(path, &e))?;
-        for position in positions {
-            priors.entry(position.image).or_default().position = Some(position.prior);
-        }
-    }
+    let priors = input::priors(&args.flight)?;
     let num_known = files.iter().filter(|file| priors.contains_key(&file.name)).count();
     if !priors.is_empty() && num_known == 0 && !files.is_empty() {
         return Err(PipelineError::new(

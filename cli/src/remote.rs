@@ -199,12 +199,12 @@ pub(crate) fn export(
 }
 
 /// `volery localize --server`.
-pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool) -> Outcome {
+pub(crate) fn localize(args: &LocalizeArgs, server: String, map: Uuid, json: bool) -> Outcome {
     let files = input::photos(&args.paths)?;
     let camera = args.camera.as_deref().map(input::camera).transpose()?;
     let camera = camera.map(volery_api::Camera::from);
     let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
-    let server = ServerArgs { server: server.to_owned(), token: args.token.clone() };
+    let server = ServerArgs { server, token: args.token.clone() };
     with_server(&server, async |client| {
         let info = match args.version {
             Some(number) => {
@@ -239,7 +239,8 @@ pub(crate) fn localize(args: &LocalizeArgs, server: &str, map: Uuid, json: bool)
                     }
                     AnswerResult::Localization(Box::new(answer.localization))
                 }
-                Err(ClientError::Problem(problem)) if problem.status == 422 => {
+                // The photo's own fault, or a moment without a worker: the others have answers.
+                Err(ClientError::Problem(problem)) if [413, 422, 503].contains(&problem.status) => {
                     AnswerResult::Error { error: failed(ClientError::Problem(problem)) }
                 }
                 Err(error) => return Err(failed(error)),

@@ -13,13 +13,12 @@ use crate::{
     remote::{bar, ending_of, failed, job_line, watch, with_server},
 };
 
-/// What is known of the photos: telemetry, and the poses and cameras of a model.
+/// What is known of the photos: what the flight knew, and the poses and cameras of a model.
 fn priors_of(
     args: &UploadArgs,
     files: &[UploadFile],
 ) -> Result<BTreeMap<String, Prior>, PipelineError> {
-    let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
-    let mut known = telemetry.unwrap_or_default();
+    let mut known = input::priors(&args.flight)?;
     let mut cameras = BTreeMap::new();
     if let Some(path) = &args.given.model {
         let names = files.iter().map(|file| file.name.clone()).collect();

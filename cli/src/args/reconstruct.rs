@@ -72,15 +72,8 @@ pub(crate) struct ReconstructArgs {
     /// Calibration of all photos; kept fixed. Without it EXIF is used and refined.
     #[arg(long)]
     pub(crate) camera: Option<PathBuf>,
-    /// `image,time_s,yaw_deg,pitch_deg,roll_deg,height_m` of a flight.
-    #[arg(long)]
-    pub(crate) telemetry: Option<PathBuf>,
-    /// Camera positions: `image,x,y,z[,sigma]`, or a `poses.csv`. The map takes their frame.
-    #[arg(long)]
-    pub(crate) positions: Option<PathBuf>,
-    /// Standard deviation of positions without one, meters.
-    #[arg(long, default_value_t = 0.05, value_parser = positive)]
-    pub(crate) position_sigma: f64,
+    #[command(flatten)]
+    pub(crate) flight: FlightArgs,
     #[command(flatten)]
     pub(crate) given: ModelArgs,
     /// Measured distance between the cameras of two photos; may be repeated.
@@ -97,4 +90,19 @@ pub(crate) struct ReconstructArgs {
     /// Folder for finished units of work; kept. By default one inside OUT, removed at the end.
     #[arg(long)]
     pub(crate) work: Option<PathBuf>,
+}
+
+/// What a flight knew of its photos.
+#[derive(Debug, Args)]
+pub(crate) struct FlightArgs {
+    /// `image,time_s,yaw_deg,pitch_deg,roll_deg,height_m,x_m,y_m,z_m` of a flight; all but `image` may
+    /// be missing.
+    #[arg(long)]
+    pub(crate) telemetry: Option<PathBuf>,
+    /// Camera positions: `image,x,y,z[,sigma]`, or a `poses.csv`. The map takes their frame.
+    #[arg(long)]
+    pub(crate) positions: Option<PathBuf>,
+    /// Standard deviation of positions without one, meters.
+    #[arg(long, default_value_t = 0.05, value_parser = positive)]
+    pub(crate) position_sigma: f64,
 }

@@ -5,6 +5,7 @@ mod support;
 
 mod bad_input;
 mod cancel;
+mod commands;
 mod crash;
 mod demo;
 mod goal_frame;

@@ -4,15 +4,15 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use nalgebra::{Point2, Point3, Similarity3, Vector3};
 use serde_json::{Value, json};
-use volery_api::{AlignRequest, ControlPoint};
+use volery_api::{AlignRequest, ControlPoint, Sim3};
 use volery_formats::{
     move_glb, read_occupancy, read_ply_of_cloud, read_ply_of_mesh, write_occupancy,
     write_ply_of_cloud, write_ply_of_mesh,
 };
 use volery_geometry::{similarity_from_points, triangulation::triangulate_linear};
 use volery_scene::{
-    EnvironmentMap, Gravity, GravitySource, NoProgress, RegisteredImage, Scale, ScaleSource,
-    SparseModel,
+    EnvironmentMap, Gravity, GravitySource, NoProgress, OriginRule, RegisteredImage, Scale,
+    ScaleSource, SparseModel,
 };
 
 use crate::{
@@ -27,6 +27,9 @@ use crate::{
 
 /// Error of a length measured by hand between two camera centers, meters.
 const DISTANCE_SIGMA: f64 = 0.01;
+
+/// What rounding leaves of no change.
+const SAME: f64 = 1e-9;
 
 /// Writes the map of `map_dir`, moved as asked, to `out_dir`; returns the residuals.
 pub(crate) fn align_folder(
@@ -45,11 +48,33 @@ pub(crate) fn align_folder(
     info.north = info.north.and_then(|north| moved::turn_north(&north, &new_from_map));
     info.scale = map.scale;
     info.gravity = map.gravity;
+    info.origin = map.origin;
     info.bounds = bounds(&map.model);
     info.free_space_voxel = info.free_space_voxel.map(|voxel| voxel * new_from_map.scaling());
     write_files(&map, &info, &index, out_dir, &NoProgress)?;
     move_surface(map_dir, out_dir, &info, &new_from_map)?;
+    move_report(map_dir, out_dir, &info)?;
     Ok(residuals)
+}
+
+/// What is known of the photos, with the frame as it is now. The page of the report shows the map
+/// as it was: it stays there.
+fn move_report(map_dir: &Path, out_dir: &Path, info: &MapInfo) -> Result<(), PipelineError> {
+    let path = map_dir.join(file::REPORT);
+    if !path.exists() {
+        return Ok(());
+    }
+    let json_error = |e: serde_json::Error| PipelineError::plain(code::BAD_MAP, e.to_string());
+    let bytes = fs::read(&path).map_err(|e| PipelineError::io(&path, &e))?;
+    let mut report: Value = serde_json::from_slice(&bytes).map_err(json_error)?;
+    let frame = json!({ "scale": info.scale, "gravity": info.gravity, "origin": info.origin });
+    for (key, value) in frame.as_object().into_iter().flatten() {
+        if let Some(stale) = report.get_mut(key) {
+            *stale = value.clone();
+        }
+    }
+    let bytes = serde_json::to_vec_pretty(&report).map_err(json_error)?;
+    write_atomic(&out_dir.join(file::REPORT), &bytes)
 }
 
 /// Dense cloud, free space and mesh, as far as the map has them.
@@ -92,7 +117,7 @@ fn move_surface(
     Ok(())
 }
 
-/// The similarity that is asked for; scale and gravity of `map` take their new proof.
+/// The similarity that is asked for; scale, gravity and origin of `map` take their new proof.
 fn similarity(
     align: &AlignRequest,
     map: &mut EnvironmentMap,
@@ -121,13 +146,26 @@ fn similarity(
                 return Err(degenerate(&problem));
             }
             let pose = wire::isometry(&sim3.translation, &sim3.rotation);
-            map.scale.metric = sim3.metric;
-            if !sim3.metric {
-                map.scale = Scale { metric: false, source: ScaleSource::Unknown, sigma_rel: None };
+            map.scale = scale_by_hand(sim3, map.scale);
+            if (pose.rotation * Vector3::z() - Vector3::z()).norm() > SAME {
+                map.gravity = Gravity { source: GravitySource::Given, sigma: None };
+            }
+            if pose.translation.vector.norm() > SAME {
+                map.origin = OriginRule::Given;
             }
             Ok((Similarity3::from_isometry(pose, sim3.scale), json!({})))
         }
         AlignRequest::ControlPoints(points) => control_points(points, map),
+    }
+}
+
+/// Moves and turns leave the proof of the scale; another scale has none but what comes with it.
+fn scale_by_hand(sim3: &Sim3, before: Scale) -> Scale {
+    let is_kept = (sim3.scale - 1.0).abs() < SAME && sim3.sigma_rel.is_none();
+    match sim3.metric {
+        false => Scale { metric: false, source: ScaleSource::Unknown, sigma_rel: None },
+        true if before.metric && is_kept => before,
+        true => Scale { metric: true, source: ScaleSource::Given, sigma_rel: sim3.sigma_rel },
     }
 }
 
@@ -173,6 +211,7 @@ fn control_points(
         sigma_rel: Some(sigma / n.sqrt()),
     };
     map.gravity = Gravity { source: GravitySource::ControlPoints, sigma: Some(sigma) };
+    map.origin = OriginRule::Given;
     Ok((new_from_map, json!({ "rms_m": rms, "residuals_m": residuals })))
 }
 
@@ -186,3 +225,6 @@ fn center(model: &SparseModel, name: &str) -> Result<Point3<f64>, PipelineError>
 fn degenerate(detail: &str) -> PipelineError {
     PipelineError::plain("degenerate", detail)
 }
+
+#[cfg(test)]
+mod tests;

@@ -15,6 +15,7 @@ pub(crate) fn job_spec(wire: worker::JobSpec, work_dir: &Path) -> Result<JobSpec
     let images = wire.images.into_iter().map(|image| {
         Ok(ImageInput {
             prior: image_prior(&image.prior),
+            camera_group: image.camera_group,
             camera: image.prior.camera.or(image.camera).map(CameraSpec::try_from).transpose()?,
             // An absolute path stays as it is.
             ..ImageInput::new(image.name, work_dir.join(image.path))

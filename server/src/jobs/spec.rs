@@ -64,6 +64,7 @@ async fn spec(app: &App, request: &CreateJob) -> ApiResult<JobSpec> {
                 name,
                 path: app.blobs.path(&image.sha256).display().to_string(),
                 camera: camera.clone(),
+                camera_group: Some(id.to_string()),
                 prior: image.prior.unwrap_or_default(),
             });
         }

@@ -217,6 +217,16 @@ async fn priors_come_as_json_and_as_telemetry() {
     let images = client.get(&format!("/v1/imagesets/{set}/images")).await.json();
     assert_eq!(images["items"][0]["prior"]["position"]["sigma"], 0.05);
     assert_eq!(images["items"][1]["prior"]["height"]["height"], 1.5);
+    // As everywhere: half an attitude is none, other columns are nobody's business.
+    let telemetry = b"image,yaw_deg,x_m,y_m,z_m,battery\nb.jpg,90,1,2,3,0.9\n";
+    client.send("PUT", &path, &csv, telemetry).await.expect(200);
+    let images = client.get(&format!("/v1/imagesets/{set}/images")).await.json();
+    assert_eq!(images["items"][1]["prior"]["attitude"], json!(null));
+    assert_eq!(images["items"][1]["prior"]["position"]["position"], json!([1.0, 2.0, 3.0]));
+    for odd in ["", "time_s\n1\n", "image,time_s\na\n", "image,time_s\na,x\n"] {
+        let answer = client.send("PUT", &path, &csv, odd.as_bytes()).await.expect(422);
+        assert_eq!(answer.code(), "bad_telemetry", "{odd:?}");
+    }
 
     for (body, code) in [
         (json!({"priors": {"a.jpg": {"yaw": 1}}}), "unknown_field"),

@@ -1,6 +1,7 @@
 //! `telemetry.csv`: what a drone reported per image.
 
-use volery_scene::{AttitudePrior, HeightPrior, ImagePrior};
+use nalgebra::Point3;
+use volery_scene::{AttitudePrior, HeightPrior, ImagePrior, PositionPrior};
 
 use crate::TableError;
 use crate::table::Table;
@@ -23,18 +24,21 @@ pub struct TelemetrySigmas {
     pub tilt: f64,
     /// Of height, meters.
     pub height: f64,
+    /// Of each coordinate of the position, meters.
+    pub position: f64,
 }
 
 impl Default for TelemetrySigmas {
-    /// A small drone with magnetometer and range finder.
+    /// A small drone with magnetometer and range finder, and positions of motion capture.
     fn default() -> Self {
-        Self { yaw: 2.0_f64.to_radians(), tilt: 0.5_f64.to_radians(), height: 0.05 }
+        let (yaw, tilt) = (2.0_f64.to_radians(), 0.5_f64.to_radians());
+        Self { yaw, tilt, height: 0.05, position: 0.05 }
     }
 }
 
-/// Reads `image` and any of `time_s, yaw_deg, pitch_deg, roll_deg, height_m`, found by the names
-/// in the header line; empty fields and missing columns are `None`. An attitude needs all three
-/// angles. Other columns are ignored.
+/// Reads `image` and any of `time_s, yaw_deg, pitch_deg, roll_deg, height_m, x_m, y_m, z_m`, found
+/// by the names in the header line; empty fields and missing columns are `None`. An attitude needs
+/// all three angles, a position (metric, z up) all three coordinates. Other columns are ignored.
 ///
 /// # Errors
 ///
@@ -47,6 +51,7 @@ pub fn read_telemetry_csv(
     let images = table.image_names()?;
     let [time_s, yaw, pitch, roll, height] =
         ["time_s", "yaw_deg", "pitch_deg", "roll_deg", "height_m"].map(|name| table.column(name));
+    let [x, y, z] = ["x_m", "y_m", "z_m"].map(|name| table.column(name));
     images
         .into_iter()
         .zip(table.rows())
@@ -63,9 +68,16 @@ pub fn read_telemetry_csv(
                 _ => None,
             };
             let height = row.optional(height)?;
+            let position = match [row.optional(x)?, row.optional(y)?, row.optional(z)?] {
+                [Some(x), Some(y), Some(z)] => {
+                    Some(PositionPrior { position: Point3::new(x, y, z), sigma: sigmas.position })
+                }
+                _ => None,
+            };
             let prior = ImagePrior {
                 attitude,
                 height: height.map(|height| HeightPrior { height, sigma: sigmas.height }),
+                position,
                 time_s: row.optional(time_s)?,
                 ..ImagePrior::default()
             };
@@ -96,9 +108,19 @@ mod tests {
     }
 
     #[test]
-    fn half_an_attitude_is_none() {
-        let rows = read("image,time_s,yaw_deg,pitch_deg,roll_deg,height_m\na,7,10,,0,\n");
+    fn positions_come_with_the_rest_or_not() {
+        let rows = read("image,x_m,y_m,z_m\na,1,2,3\nb,,,\n");
+        let position = rows[0].prior.position.unwrap();
+        assert_eq!((position.position, position.sigma), (Point3::new(1.0, 2.0, 3.0), 0.05));
+        assert_eq!(rows[1].prior.position, None);
+    }
+
+    #[test]
+    fn half_an_attitude_or_position_is_none() {
+        let rows =
+            read("image,time_s,yaw_deg,pitch_deg,roll_deg,height_m,x_m,y_m\na,7,10,,0,,1,2\n");
         assert_eq!(rows[0].prior.attitude, None);
+        assert_eq!(rows[0].prior.position, None);
         assert_eq!(rows[0].prior.height, None);
         assert_eq!(rows[0].prior.time_s, Some(7.0));
     }

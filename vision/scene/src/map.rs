@@ -20,6 +20,8 @@ pub enum ScaleSource {
     KnownDistance,
     /// Surveyed points.
     ControlPoints,
+    /// Whoever set it by hand.
+    Given,
 }
 
 /// Metric scale with its proof.
@@ -47,6 +49,8 @@ pub enum GravitySource {
     Poses,
     /// Surveyed points of a z-up frame.
     ControlPoints,
+    /// Whoever turned the map by hand.
+    Given,
 }
 
 /// Direction of gravity with its proof.
@@ -67,7 +71,8 @@ pub enum OriginRule {
     LastCamera,
     /// Mean of the camera positions.
     MeanCameras,
-    /// The frame of the position priors, control points or given poses is kept as it is.
+    /// The frame of the position priors, control points or given poses is kept as it is, or the
+    /// map was moved by hand.
     Given,
 }
 

@@ -192,6 +192,7 @@ fn name_of_gravity(source: GravitySource) -> &'static str {
         GravitySource::Positions => "the positions",
         GravitySource::Poses => "the given poses",
         GravitySource::ControlPoints => "the control points",
+        GravitySource::Given => "what was given by hand",
     }
 }
 
@@ -203,6 +204,7 @@ fn name_of_scale(source: ScaleSource) -> &'static str {
         ScaleSource::Heights => "the heights",
         ScaleSource::KnownDistance => "the known distances",
         ScaleSource::ControlPoints => "the control points",
+        ScaleSource::Given => "what was given by hand",
     }
 }
 

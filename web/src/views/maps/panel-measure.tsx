@@ -37,6 +37,9 @@ export function MeasurePanel({ viewer }: { viewer: MapViewer }) {
   );
 }
 
+/** How close a click comes to what it means. */
+const CLICK_M = 0.01;
+
 /** Makes a version in another frame and shows it. */
 async function align(viewer: MapViewer, sim3: Sim3, done: string): Promise<void> {
   const { map_id, version } = viewer.data.version;
@@ -66,7 +69,7 @@ function Ruler({ viewer }: { viewer: MapViewer }) {
     const scale = meters / measured;
     await align(
       viewer,
-      { rotation: [1, 0, 0, 0], translation: [0, 0, 0], scale, metric: true },
+      { rotation: [1, 0, 0, 0], translation: [0, 0, 0], scale, metric: true, sigma_rel: CLICK_M / meters },
       `The scale is set, × ${scale.toFixed(4)}`,
     );
     setBusy(false);
