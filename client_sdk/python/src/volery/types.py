@@ -2274,6 +2274,8 @@ class Sim3(Wire):
     """Positive."""
     metric: Optional[bool] = None
     """Whether lengths are meters afterwards."""
+    sigma_rel: Optional[float] = None
+    """Standard deviation of `scale` relative to it, where something tells it."""
 
 
 StageGroup = Literal["sfm", "dense", "mesh"]

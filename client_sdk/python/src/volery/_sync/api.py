@@ -179,8 +179,9 @@ class Api:
         """Sets the priors of images, by name.
 
         A JSON body is `PutPriors`. A `text/csv` body is telemetry:
-        `image,time_s,yaw_deg,pitch_deg,roll_deg,height_m`, columns in any order, all but
-        `image` optional.
+        `image,time_s,yaw_deg,pitch_deg,roll_deg,height_m,x_m,y_m,z_m`, columns in any order,
+        all but `image` optional; an attitude needs its three angles, a position its three
+        coordinates.
 
         `PUT /v1/imagesets/{id}/priors`
         """
