@@ -7,7 +7,9 @@ use volery_formats::{
     write_transforms_json,
 };
 use volery_localization::LocalizationIndex;
-use volery_scene::{Descriptor, EnvironmentMap, Progress, RegisteredImage, SparseModel, Stage};
+use volery_scene::{
+    Descriptor, EnvironmentMap, NoProgress, Progress, RegisteredImage, SparseModel, Stage,
+};
 
 use crate::{
     atomic::{clear_torn, write_atomic},
@@ -18,7 +20,7 @@ use crate::{
     spec::JobSpec,
 };
 
-/// Writes every file of the sparse map but the reports; `map.json` last, since its presence says
+/// Writes every file of the sparse map and of its zones but the reports; `map.json` last, since its presence says
 /// that the others are whole.
 pub(crate) fn write_map(
     spec: &JobSpec,
@@ -34,6 +36,23 @@ pub(crate) fn write_map(
             fs::remove_file(&path).map_err(|e| PipelineError::io(&path, &e))?;
         }
     }
+    let zones = out_dir.join(file::ZONES);
+    if zones.exists() {
+        fs::remove_dir_all(&zones).map_err(|e| PipelineError::io(&zones, &e))?;
+    }
+    for (i, zone) in map.zones.iter().enumerate() {
+        write_sparse(spec, ingested, zone, &zones.join((i + 1).to_string()), &NoProgress)?;
+    }
+    write_sparse(spec, ingested, map, out_dir, progress)
+}
+
+fn write_sparse(
+    spec: &JobSpec,
+    ingested: &Ingested,
+    map: &EnvironmentMap,
+    out_dir: &Path,
+    progress: &dyn Progress,
+) -> Result<MapInfo, PipelineError> {
     let info = map_info(spec, ingested, map);
     let index = localization_index(ingested, &map.model).to_bytes();
     write_files(map, &info, &index, out_dir, progress)?;

@@ -55,6 +55,8 @@ pub mod file {
     pub const REPORT: &str = "report.json";
     /// The same for people.
     pub const REPORT_HTML: &str = "report.html";
+    /// Map folders of the parts that nothing ties to the map, `1` the largest.
+    pub const ZONES: &str = "zones";
 }
 
 /// An image that went into a map.

@@ -5,7 +5,8 @@ mod support;
 use std::{fs, path::Path};
 
 use support::{Folder, Scan, StopIn};
-use volery_pipeline::{ImageInput, JobSpec, MapFolder, reconstruct};
+use volery_geometry::{Isometry3, Point3, Vector3, similarity_from_points};
+use volery_pipeline::{ImageInput, JobSpec, MapFolder, map_folder::read_map, reconstruct};
 use volery_scene::{NoProgress, Stage};
 
 const NUM_PHOTOS: usize = 10;
@@ -74,4 +75,48 @@ fn repeated_and_unreadable_photos_do_not_disturb_the_map() {
         line.split_once(',').unwrap().1.to_owned()
     };
     assert_eq!(pose_of("copy.png"), pose_of("3.png"));
+}
+
+/// Largest distance of a camera from where it was, after a similarity fit.
+fn worst_error(folder: &Path, poses: &[Isometry3<f64>]) -> f64 {
+    let (_, map) = read_map(folder).unwrap();
+    let found: Vec<Point3<f64>> = map.model.images.values().map(|image| image.center()).collect();
+    let truth: Vec<Point3<f64>> =
+        poses.iter().map(|pose| pose.inverse().translation.vector.into()).collect();
+    let truth_from_map = similarity_from_points(&found, &truth).unwrap();
+    let errors =
+        found.iter().zip(&truth).map(|(found, truth)| (truth_from_map * found - truth).norm());
+    errors.fold(0.0, f64::max)
+}
+
+/// Photos of two halls: the larger part is the map, the other one a map folder inside it.
+#[test]
+fn a_part_that_nothing_ties_to_the_map_is_kept_as_a_zone() {
+    let folder = Folder::new("zones");
+    let scan = Scan::new(&folder.0, NUM_PHOTOS);
+    let away = folder.0.join("away");
+    fs::create_dir(&away).unwrap();
+    let other = Scan::of_hall(Vector3::new(10.0, 5.6, 4.2), 77, &away, NUM_PHOTOS - 2);
+    let mut both = scan.spec.clone();
+    let renamed = other
+        .spec
+        .images
+        .iter()
+        .map(|image| ImageInput { name: format!("away {}", image.name), ..image.clone() });
+    both.images.extend(renamed);
+    let out = folder.0.join("out");
+    let summary = reconstruct(&both, &folder.0.join("work"), &out, &NoProgress).unwrap();
+    assert_eq!((summary.num_registered, summary.num_zones), (NUM_PHOTOS, 1));
+    let reasons = summary.images[NUM_PHOTOS..].iter().map(|image| image.reason.map(|r| r.code()));
+    assert!(reasons.eq((2..NUM_PHOTOS).map(|_| Some("other_zone"))));
+    assert!(worst_error(&out, &scan.poses) < 0.02);
+
+    let zone = out.join("zones/1");
+    assert!(worst_error(&zone, &other.poses) < 0.02);
+    let map = MapFolder::open(&zone).unwrap();
+    assert_eq!(map.info().quality.reasons[0].code, "zone");
+
+    // The next map of this folder has none.
+    reconstruct(&scan.spec, &folder.0.join("work"), &out, &NoProgress).unwrap();
+    assert!(!zone.exists());
 }

@@ -43,8 +43,13 @@ pub(crate) struct Scan {
 impl Scan {
     /// Part of a circle of 0.9 m radius, camera looking outward; the files go to `folder`.
     pub(crate) fn new(folder: &Path, num_photos: usize) -> Self {
+        Self::of_hall(Vector3::new(8.0, 7.0, 3.0), 5, folder, num_photos)
+    }
+
+    /// Of a hall of another size, with other things in it.
+    pub(crate) fn of_hall(size: Vector3<f64>, seed: u64, folder: &Path, num_photos: usize) -> Self {
         let camera = Camera::from_focal(CameraModel::Pinhole, 400, 300, 300.0).unwrap();
-        let hall = Hall::furnished(Vector3::new(8.0, 7.0, 3.0), 0.008, 5);
+        let hall = Hall::furnished(size, 0.008, seed);
         let renderer = Renderer::new(&camera);
         let motion = CenterMotion::Circle { radius: 0.9 };
         let poses = yaw_scan(&Point3::new(0.0, 0.0, 1.5), num_photos, 0.22, motion, 5);

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Names under `export/`.
-pub(crate) const EXPORTS: [&str; 14] = [
+pub(crate) const EXPORTS: [&str; 15] = [
     "poses.csv",
     "sparse.ply",
     "dense.ply",
@@ -36,6 +36,7 @@ pub(crate) const EXPORTS: [&str; 14] = [
     "report.html",
     "localization.bin",
     "points.ply",
+    "zones.zip",
 ];
 
 /// A file of a map. `ETag`, `Range` and `If-None-Match` are honored.
@@ -129,6 +130,9 @@ async fn build(app: &Arc<App>, version: &MapVersion, name: &str) -> ApiResult<Bl
     let made = app.blobs.temporary();
     let result = match name {
         "colmap.zip" => zip_into_blob(app, &map_dir.join("colmap"), "colmap").await,
+        "zones.zip" if version.files.iter().any(|file| file.path.starts_with("zones/")) => {
+            zip_into_blob(app, &map_dir.join("zones"), "zones").await
+        }
         "colmap_bin.zip" => match ask_worker(app, &map_dir, "colmap_bin", &made).await {
             Ok(()) => zip_into_blob(app, &made, "colmap").await,
             Err(error) => Err(error),
@@ -173,19 +177,29 @@ async fn zip_into_blob(app: &App, folder: &Path, prefix: &'static str) -> ApiRes
     .await
 }
 
-/// Packs the files of a flat folder, in the order of their names and without their times.
+/// Packs the files of a folder and those inside, in the order of their names and without their
+/// times.
 fn zip_folder(folder: &Path, prefix: &str, path: &Path) -> io::Result<()> {
-    let mut files: Vec<_> = std::fs::read_dir(folder)?.collect::<Result<_, _>>()?;
-    files.sort_by_key(|file| file.file_name());
     let mut zip = zip::ZipWriter::new(File::create_new(path)?);
+    pack(&mut zip, folder, prefix)?;
+    zip.finish().map_err(io::Error::other)?.flush()
+}
+
+fn pack(zip: &mut zip::ZipWriter<File>, folder: &Path, prefix: &str) -> io::Result<()> {
+    let mut entries: Vec<_> = std::fs::read_dir(folder)?.collect::<Result<_, _>>()?;
+    entries.sort_by_key(|entry| entry.file_name());
     let options = zip::write::SimpleFileOptions::default()
         .compression_method(zip::CompressionMethod::Deflated)
         .last_modified_time(zip::DateTime::default())
         .large_file(true);
-    for file in files.iter().filter(|file| file.path().is_file()) {
-        let name = format!("{prefix}/{}", file.file_name().to_string_lossy());
-        zip.start_file(name, options).map_err(io::Error::other)?;
-        io::copy(&mut File::open(file.path())?, &mut zip)?;
+    for entry in entries {
+        let name = format!("{prefix}/{}", entry.file_name().to_string_lossy());
+        if entry.path().is_dir() {
+            pack(zip, &entry.path(), &name)?;
+        } else {
+            zip.start_file(name, options).map_err(io::Error::other)?;
+            io::copy(&mut File::open(entry.path())?, zip)?;
+        }
     }
-    zip.finish().map_err(io::Error::other)?.flush()
+    Ok(())
 }

@@ -43,6 +43,9 @@ async fn exports_have_tags_and_ranges() {
         let again = client.get(&path).await.expect(200);
         assert_eq!(first.header("etag"), again.header("etag"), "{name}: equal maps, equal bytes");
     }
+    let zones = client.get(&format!("/v1/maps/{map}/export/zones.zip")).await.expect(200);
+    let zones = zip::ZipArchive::new(std::io::Cursor::new(zones.body)).unwrap();
+    assert_eq!(zones.file_names().collect::<Vec<_>>(), ["zones/1/poses.csv"]);
     let grid = client.get(&format!("/v1/maps/{map}/freespace")).await.expect(200);
     assert!(grid.body.starts_with(b"VOLOCC01"));
     let none = client.get(&format!("/v1/maps/{map}/export/secret.txt")).await.expect(404);

@@ -113,8 +113,8 @@ pub struct EnvironmentMap {
     /// In the map frame.
     pub model: SparseModel,
     /// Smaller components that could not be tied to the map, largest first, each in a frame of
-    /// its own.
-    pub zones: Vec<SparseModel>,
+    /// its own and without zones.
+    pub zones: Vec<EnvironmentMap>,
     /// Images without a pose in `model`.
     pub unplaced: Vec<UnplacedImage>,
     /// Scale and its proof.

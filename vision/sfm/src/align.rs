@@ -11,8 +11,8 @@ use nalgebra::{
     Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, Unit, UnitQuaternion, Vector3,
 };
 use volery_scene::{
-    EnvironmentMap, Gravity, GravitySource, ImagePrior, KnownDistance, OriginRule, QualityReason,
-    RegisteredImage, Scale, ScaleSource, SparseModel, Verdict,
+    EnvironmentMap, Gravity, GravitySource, ImagePrior, KnownDistance, OriginRule, Quality,
+    QualityReason, RegisteredImage, Scale, ScaleSource, SparseModel, Verdict,
 };
 
 use crate::Reconstruction;
@@ -53,11 +53,29 @@ pub fn environment_map(
     priors: &[ImagePrior],
     options: &AlignOptions,
 ) -> EnvironmentMap {
-    let Reconstruction { models, unplaced, mut quality, .. } = reconstruction;
+    let Reconstruction { models, unplaced, quality, .. } = reconstruction;
     let mut models = models.into_iter();
-    let mut model = models.next().unwrap_or_default();
-    let zones: Vec<SparseModel> = models.collect();
+    let model = models.next().unwrap_or_default();
+    let zones = models.map(|model| in_map_frame(model, quality_of_zone(), priors, options));
+    let zones = zones.collect();
+    EnvironmentMap { zones, unplaced, ..in_map_frame(model, quality, priors, options) }
+}
 
+/// Nobody validated it, and it is a part of something.
+fn quality_of_zone() -> Quality {
+    let reason = QualityReason {
+        code: "zone".to_owned(),
+        detail: "nothing ties this part to the map: take photos that show both".to_owned(),
+    };
+    Quality { verdict: Verdict::Suspect, reasons: vec![reason] }
+}
+
+fn in_map_frame(
+    mut model: SparseModel,
+    mut quality: Quality,
+    priors: &[ImagePrior],
+    options: &AlignOptions,
+) -> EnvironmentMap {
     let fit = positions::fit_positions(&model, priors);
     let mut contradictions = Vec::new();
     let in_place = options.is_in_map_frame;
@@ -107,6 +125,7 @@ pub fn environment_map(
         quality.verdict = quality.verdict.max(Verdict::Suspect);
         quality.reasons.append(&mut contradictions);
     }
+    let (zones, unplaced) = (Vec::new(), Vec::new());
     EnvironmentMap { model, zones, unplaced, scale, gravity, origin, quality }
 }
 

@@ -113,6 +113,7 @@ fn write_map(folder: &Path, names: &[String], maps: &Value) {
     let info = json!({"num_images": names.len(), "scale": scale, "photos": photos});
     let out = folder.join("out");
     fs::create_dir_all(out.join("colmap")).expect("room");
+    fs::create_dir_all(out.join("zones/1")).expect("room");
     for (name, text) in [
         ("map.json", info.to_string()),
         ("poses.csv", "image,qw,qx,qy,qz,tx,ty,tz\na.jpg,1,0,0,0,1,2,3\n".to_owned()),
@@ -124,6 +125,7 @@ fn write_map(folder: &Path, names: &[String], maps: &Value) {
         ("localization.bin", names.join("\n")),
         ("colmap/cameras.txt", "# cameras".to_owned()),
         ("colmap/images.txt", "# images".to_owned()),
+        ("zones/1/poses.csv", "image,qw".to_owned()),
     ] {
         fs::write(out.join(name), text).expect("room");
     }

@@ -5,16 +5,17 @@ import { bytes } from '../../ui/format';
 import { Icon } from '../../ui/icons';
 import type { MapData } from './map-data';
 
-/** Exports by what they are for; `made` are packed when they are asked for. */
-const EXPORTS: { name: string; text: string; made?: boolean }[] = [
+/** Exports by what they are for; others are packed of a `folder` when they are asked for. */
+const EXPORTS: { name: string; text: string; folder?: string }[] = [
   { name: 'map.glb', text: 'For viewers and engines (glTF)' },
   { name: 'mesh.ply', text: 'Surface with colors' },
   { name: 'dense.ply', text: 'Dense cloud with normals' },
   { name: 'sparse.ply', text: 'Sparse points' },
   { name: 'poses.csv', text: 'Poses of the cameras' },
   { name: 'transforms.json', text: 'Poses for nerfstudio' },
-  { name: 'colmap_bin.zip', text: 'COLMAP model, binary', made: true },
-  { name: 'colmap.zip', text: 'COLMAP model, text', made: true },
+  { name: 'colmap_bin.zip', text: 'COLMAP model, binary', folder: 'colmap/' },
+  { name: 'colmap.zip', text: 'COLMAP model, text', folder: 'colmap/' },
+  { name: 'zones.zip', text: 'Parts that nothing ties to the map, each a map', folder: 'zones/' },
   { name: 'freespace.bin', text: 'Where the air is free' },
   { name: 'report.html', text: 'Report with pictures' },
   { name: 'map.json', text: 'What the map says of itself' },
@@ -23,6 +24,7 @@ const EXPORTS: { name: string; text: string; made?: boolean }[] = [
 export function DownloadPanel({ data }: { data: MapData }) {
   const { version, map } = data;
   const sizes = new Map(version.files.map(({ path, size }) => [path, size]));
+  const holds = (folder: string) => version.files.some(({ path }) => path.startsWith(folder));
   const [busy, setBusy] = useState<string | null>(null);
   const take = async (name: string) => {
     setBusy(name);
@@ -37,7 +39,7 @@ export function DownloadPanel({ data }: { data: MapData }) {
   };
   return (
     <ul class="lines">
-      {EXPORTS.filter(({ name, made }) => made || sizes.has(name)).map(({ name, text }) => (
+      {EXPORTS.filter(({ name, folder }) => (folder ? holds(folder) : sizes.has(name))).map(({ name, text }) => (
         <li key={name} class="row">
           <div class="grow">
             <div>{name} <span class="muted num">{sizes.has(name) && bytes(sizes.get(name)!)}</span></div>
