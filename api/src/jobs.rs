@@ -309,7 +309,7 @@ pub struct EventsQuery {
 pub struct LogQuery {
     /// Events with greater numbers only.
     pub after: Option<u64>,
-    /// Most events to look at, 1 to 1000.
+    /// Most events but progress to look at, 1 to 1000; all when absent.
     #[param(minimum = 1, maximum = 1000)]
     pub limit: Option<u32>,
     /// Least weight of a line: `info`, `warn` or `error`.

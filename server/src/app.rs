@@ -20,9 +20,9 @@ use crate::{
     error::{ApiError, Code},
     pace::keep_pace,
     routes::{
-        beacons, cameras, drone_cameras, drones, exports, flights, frames, images, imagesets, jobs,
-        leases, localize, maps, model, page, parts, priors, recordings, render, service, tokens,
-        uploads,
+        beacons, cameras, drone_cameras, drones, exports, flights, frames, images, imagesets,
+        job_log, jobs, leases, localize, maps, model, page, parts, priors, recordings, render,
+        service, tokens, uploads,
     },
     state::App,
     ws as socket,
@@ -70,7 +70,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(jobs::retry_job))
         .routes(routes!(jobs::job_events))
-        .routes(routes!(jobs::job_log))
+        .routes(routes!(job_log::job_log))
         .routes(routes!(jobs::job_report))
         .routes(routes!(jobs::presets))
         .routes(routes!(jobs::options))

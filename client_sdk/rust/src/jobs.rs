@@ -63,7 +63,7 @@ impl Client {
         self.get(&format!("/v1/jobs/{id}/events?after={after}&limit=1000")).await
     }
 
-    /// The log of a job.
+    /// The whole log of a job.
     pub async fn job_log(&self, id: Uuid) -> Result<String, ClientError> {
         let path = format!("/v1/jobs/{id}/log");
         let log = self.send(self.request(Method::GET, &path)).await?;
@@ -100,9 +100,15 @@ impl Client {
         each: &mut impl FnMut(&JobEvent),
     ) -> Result<Option<Job>, ClientError> {
         let job = self.job(id).await?;
-        for event in self.job_events(id, *last).await?.items {
-            *last = event.seq;
-            each(&event);
+        loop {
+            let events = self.job_events(id, *last).await?.items;
+            if events.is_empty() {
+                break;
+            }
+            for event in events {
+                *last = event.seq;
+                each(&event);
+            }
         }
         Ok(job.state.is_final().then_some(job))
     }

@@ -10,9 +10,8 @@ use axum::{
 };
 use uuid::Uuid;
 use volery_api::{
-    CreateJob, EventsQuery, Job, JobEvent, JobEvents, JobKind, JobOption, JobState, JobsQuery,
-    KnownDistance, LogQuery, Page, Preset, PresetInfo, RegisterMaps, RetryQuery, job_options,
-    worker::OUT_FOLDER,
+    CreateJob, EventsQuery, Job, JobEvents, JobKind, JobOption, JobState, JobsQuery, KnownDistance,
+    Page, Preset, PresetInfo, RegisterMaps, RetryQuery, job_options, worker::OUT_FOLDER,
 };
 
 use super::{
@@ -264,7 +263,9 @@ pub(crate) async fn job_events(
     At(id): At<Uuid>,
     Asked(query): Asked<EventsQuery>,
 ) -> ApiResult<Json<JobEvents>> {
-    let items = read_events(&app, id, &query).await?;
+    let limit = at_most(&query)?;
+    app.store.job(id).await?;
+    let items = app.store.events(id, query.after.unwrap_or(0), limit).await?;
     let last = items.last().map_or(query.after.unwrap_or(0), |event| event.seq);
     Ok(Json(JobEvents { items, last }))
 }
@@ -277,46 +278,6 @@ pub(super) fn at_most(query: &EventsQuery) -> ApiResult<u32> {
         return Err(ApiError::new(Code::Unprocessable("bad_limit"), detail));
     }
     Ok(limit)
-}
-
-async fn read_events(app: &App, id: Uuid, query: &EventsQuery) -> ApiResult<Vec<JobEvent>> {
-    let limit = at_most(query)?;
-    app.store.job(id).await?;
-    app.store.events(id, query.after.unwrap_or(0), limit).await
-}
-
-/// The log of a job as text, one line per entry.
-#[utoipa::path(get, path = "/v1/jobs/{id}/log", tag = "jobs",
-    params(LogQuery, ("id" = Uuid, Path, description = "Of the job")),
-    responses((status = 200, description = "The log", body = String, content_type = "text/plain")))]
-pub(crate) async fn job_log(
-    State(app): State<Arc<App>>,
-    _caller: Viewer,
-    At(id): At<Uuid>,
-    Asked(LogQuery { after, limit, level }): Asked<LogQuery>,
-) -> ApiResult<Response> {
-    const LEVELS: [&str; 3] = ["info", "warn", "error"];
-    let rank = |level: &str| LEVELS.iter().position(|known| *known == level);
-    let least = rank(level.as_deref().unwrap_or("info")).ok_or_else(|| {
-        let detail = format!("levels are {}", LEVELS.join(", "));
-        ApiError::new(Code::Unprocessable("bad_level"), detail)
-    })?;
-    let mut text = String::new();
-    for event in read_events(&app, id, &EventsQuery { after, limit }).await? {
-        let field = |name: &str| event.data[name].as_str().unwrap_or_default();
-        let level = if event.kind == "job.log" { field("level") } else { "info" };
-        if rank(level).unwrap_or(0) < least {
-            continue;
-        }
-        let line = match event.kind.as_str() {
-            "job.log" => format!("{} {} {}\n", event.time, field("level"), field("message")),
-            "job.state" => format!("{} info job {}\n", event.time, field("state")),
-            "job.stage" => format!("{} info stage {}\n", event.time, field("stage")),
-            _ => continue,
-        };
-        text.push_str(&line);
-    }
-    Ok(([(header::CONTENT_TYPE, "text/plain; charset=utf-8")], text).into_response())
 }
 
 /// The report of a job: leads to the report of the map it made. A job that failed has one of its

@@ -11,6 +11,7 @@ pub(crate) mod frames;
 pub(crate) mod images;
 pub(crate) mod imagesets;
 mod ingest;
+pub(crate) mod job_log;
 pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod localize;

@@ -15,15 +15,36 @@ impl Store {
         after: u64,
         limit: u32,
     ) -> ApiResult<Vec<JobEvent>> {
-        let rows = sqlx::query(
-            "SELECT seq, time_ms, kind, data FROM job_events WHERE job_id = ?1 AND seq > ?2
-             ORDER BY seq LIMIT ?3",
-        )
-        .bind(job.to_string())
-        .bind(i64::try_from(after).unwrap_or(i64::MAX))
-        .bind(limit)
-        .fetch_all(&self.readers)
-        .await?;
+        const ALL: &str = "SELECT seq, time_ms, kind, data FROM job_events
+             WHERE job_id = ?1 AND seq > ?2 ORDER BY seq LIMIT ?3";
+        self.select_events(ALL, job, after, limit).await
+    }
+
+    /// Events after a number that make up the log: all but progress, in order.
+    pub(crate) async fn log_events(
+        &self,
+        job: Uuid,
+        after: u64,
+        limit: u32,
+    ) -> ApiResult<Vec<JobEvent>> {
+        const LOG: &str = "SELECT seq, time_ms, kind, data FROM job_events
+             WHERE job_id = ?1 AND seq > ?2 AND kind <> 'job.progress' ORDER BY seq LIMIT ?3";
+        self.select_events(LOG, job, after, limit).await
+    }
+
+    async fn select_events(
+        &self,
+        sql: &'static str,
+        job: Uuid,
+        after: u64,
+        limit: u32,
+    ) -> ApiResult<Vec<JobEvent>> {
+        let rows = sqlx::query(sql)
+            .bind(job.to_string())
+            .bind(i64::try_from(after).unwrap_or(i64::MAX))
+            .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
         let events = rows.iter().map(|row| {
             Ok(JobEvent {
                 seq: row.try_get::<i64, _>("seq")? as u64,

@@ -173,6 +173,34 @@ async fn a_refusal_is_final_and_explained() {
     assert_eq!(client.get("/v1/maps").await.json()["items"], json!([]));
 }
 
+/// The cause of a failure is in its last lines.
+#[tokio::test]
+async fn a_log_is_whole_however_long() {
+    let server = Server::start().await;
+    let client = &server.client;
+    let id = client.reconstruct(&["talkative.jpg", "refuse.jpg"]).await;
+    client.finished(&id).await;
+    assert_eq!(events(client, &id).await.len(), 1000, "and there are more");
+
+    let log = async |query: &str| {
+        let log = client.get(&format!("/v1/jobs/{id}/log{query}")).await.expect(200);
+        String::from_utf8(log.body).unwrap()
+    };
+    let whole = log("").await;
+    let messages: Vec<_> = whole.lines().filter_map(|line| line.split_once(" line ")).collect();
+    assert_eq!(messages.len(), 1100);
+    for (number, (_, told)) in messages.iter().enumerate() {
+        assert_eq!(*told, number.to_string());
+    }
+    let last: Vec<_> = whole.lines().rev().take(2).collect();
+    assert!(last[0].ends_with(" info job failed") && last[1].ends_with(" error the cause"));
+    assert!(log("?level=error").await.ends_with(" error the cause\n"));
+    assert_eq!(log("?level=error").await.lines().count(), 1);
+    assert_eq!(log("?limit=1000").await.lines().count(), 1000, "progress does not count");
+    let too_many = client.get(&format!("/v1/jobs/{id}/log?limit=1001")).await.expect(422);
+    assert_eq!(too_many.code(), "bad_limit");
+}
+
 #[tokio::test]
 async fn jobs_are_cancelled_waiting_and_running() {
     let server = Server::start().await;

@@ -5,7 +5,7 @@
 //! * A map of a photo named `elsewhere` knows no place, one of `inliers 7.jpg` gives so many.
 //! * A map knows its free space; once it is aligned only if that was by a distance of 7 m.
 //! * A job obeys words in the names of its photos: `slow`, `crash`, `refuse`, `endless`, `partial`,
-//!   `late death` (after the sparse map is whole).
+//!   `late death` (after the sparse map is whole), `talkative` (more events than one answer holds).
 
 use std::{
     collections::BTreeMap,
@@ -50,6 +50,17 @@ fn run_job(folder: &Path) {
         .map(|image| image["name"].as_str().expect("a name").to_owned())
         .collect();
     let told = |word: &str| names.iter().any(|name| name.contains(word));
+    if told("talkative") {
+        for number in 0..1100 {
+            say(json!({"type": "log", "level": "info", "message": format!("line {number}")}));
+            // A finished stage is told at once.
+            if number % 4 == 0 {
+                say(json!({"type": "progress", "stage": "features", "done": 1, "total": 1,
+                    "unit": "images"}));
+            }
+        }
+        say(json!({"type": "log", "level": "error", "message": "the cause"}));
+    }
     if told("refuse") {
         say(json!({"type": "result", "ok": false, "code": "no_overlap", "detail": "none",
             "hint": "take more"}));

@@ -21,7 +21,7 @@ interface JobData {
 
 async function load(id: string): Promise<JobData> {
   const job = await loadJob(id);
-  const text = await (await request('GET', '/v1/jobs/{id}/log', null, { at: { id }, query: { limit: 1000 } })).text();
+  const text = await (await request('GET', '/v1/jobs/{id}/log', null, { at: { id } })).text();
   return { job, log: text.split('\n').filter(Boolean) };
 }
 

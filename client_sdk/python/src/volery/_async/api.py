@@ -288,10 +288,10 @@ class AsyncApi:
         return await self._http.call("GET", f"/v1/jobs/{quoted(job_id)}/events", json_of(JobEvents), query={"after": after, "limit": limit})
 
     async def job_log(self, job_id: str, *, after: Optional[int] = None, limit: Optional[int] = None, level: Optional[str] = None) -> str:
-        """The log of a job as text, one line per entry.
+        """The whole log of a job as text, one line per entry.
 
         * `after`: Events with greater numbers only.
-        * `limit`: Most events to look at, 1 to 1000.
+        * `limit`: Most events but progress to look at, 1 to 1000; all when absent.
         * `level`: Least weight of a line: `info`, `warn` or `error`.
 
         `GET /v1/jobs/{id}/log`
