@@ -25,6 +25,7 @@ pub(crate) mod render;
 pub(crate) mod service;
 pub(crate) mod tokens;
 pub(crate) mod uploads;
+mod zip_directory;
 mod zips;
 
 pub(crate) use localize::localize_in;

@@ -21,6 +21,7 @@ use volery_api::{
 use super::{
     ingest::TemporaryFile,
     uploads::{Saved, check_length, save},
+    zip_directory::open_archive,
 };
 use crate::{
     auth::Mapper,
@@ -116,16 +117,13 @@ fn whole(path: &Path) -> ApiResult<(String, Vec<u8>)> {
 /// The files of an archive that tell poses; what else is in it is not unpacked.
 fn unpack(archive: &Path, limits: &Limits) -> ApiResult<Files> {
     let bad = |code, detail: String| ApiError::new(Code::Unprocessable(code), detail);
-    let not_an_archive = |error| bad("not_an_archive", format!("no zip archive: {error}"));
-    let mut zip = zip::ZipArchive::new(File::open(archive)?).map_err(not_an_archive)?;
-    if zip.len() as u64 > limits.archive_entries {
-        let detail = format!("{} entries; at most {}", zip.len(), limits.archive_entries);
-        return Err(bad("too_many_entries", detail));
-    }
+    let mut zip = open_archive(archive, limits)?;
     let mut files = Files::new();
     let mut left = MAX_MODEL_BYTES;
     for index in 0..zip.len() {
-        let entry = zip.by_index(index).map_err(not_an_archive)?;
+        let entry = zip
+            .by_index(index)
+            .map_err(|error| bad("not_an_archive", format!("entry {index}: {error}")))?;
         let name = entry.name().to_owned();
         let base = name.rsplit('/').next().unwrap_or_default();
         if !MODEL_FILES.contains(&base) {

@@ -11,7 +11,10 @@ use tokio::sync::mpsc;
 use uuid::Uuid;
 use volery_api::{Limits, UploadResult};
 
-use super::ingest::{Incoming, TemporaryFile, ingest, name_problem, reject};
+use super::{
+    ingest::{Incoming, TemporaryFile, ingest, name_problem, reject},
+    zip_directory::open_archive,
+};
 use crate::{
     error::{ApiError, ApiResult, Code},
     state::App,
@@ -78,18 +81,13 @@ fn unpack(
     mut tell: impl FnMut(Entry) -> bool,
 ) -> io::Result<()> {
     let bad = |code, detail: String| Entry::End(ApiError::new(Code::Unprocessable(code), detail));
-    let mut zip = match zip::ZipArchive::new(File::open(archive)?) {
+    let mut zip = match open_archive(archive, limits) {
         Ok(zip) => zip,
         Err(error) => {
-            tell(bad("not_an_archive", format!("the body is not a zip archive: {error}")));
+            tell(Entry::End(error));
             return Ok(());
         }
     };
-    if zip.len() as u64 > limits.archive_entries {
-        let detail = format!("{} entries; at most {}", zip.len(), limits.archive_entries);
-        tell(bad("too_many_entries", detail));
-        return Ok(());
-    }
     let packed_size = std::fs::metadata(archive)?.len();
     let mut unpacked_size = 0;
     for index in 0..zip.len() {

@@ -2,6 +2,7 @@
 
 mod access;
 mod all_stop;
+mod archives;
 mod audit;
 mod connections;
 mod crash;
