@@ -62,7 +62,6 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
             imagesets::delete_imageset
         ))
         .routes(routes!(priors::put_priors))
-        .routes(routes!(model::put_model))
         .routes(routes!(images::get_image, images::delete_image))
         .routes(routes!(images::image_bytes))
         .routes(routes!(jobs::create_job, jobs::list_jobs))
@@ -122,6 +121,7 @@ fn upload_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::new()
         .routes(routes!(uploads::upload_images, images::list_images))
         .routes(routes!(uploads::upload_archive))
+        .routes(routes!(model::put_model))
         .routes(routes!(parts::create_upload))
         .routes(routes!(parts::get_upload, parts::append_part, parts::delete_upload))
         .routes(routes!(parts::complete_upload))
