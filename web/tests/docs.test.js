@@ -18,7 +18,7 @@ const NO_FAILURES = ['LegKind', 'FlightState', 'FocalSource', 'TrackState', 'Pos
 /** Words that are no codes. A new one with an underscore belongs here or into docs/errors.md. */
 const NO_CODES = `
   taking_off clock_held clock_runs taken_out timed_out map_metric free_space climb_speed yaw_rate max_distance
-  depth_maps colmap_bin map_ids time_s yaw_deg pitch_deg roll_deg height_m focal_px focal_source capture_time_s
+  depth_maps colmap_bin map_ids time_s yaw_deg pitch_deg roll_deg height_m x_m y_m zones focal_px focal_source capture_time_s
   obj_info binary_little_endian binary_big_endian vertex_indices end_header fl_x fl_y max_iterations
   exif_focal_plane sensor_table colmap`.trim().split(/\s+/);
 
