@@ -187,18 +187,6 @@ class AsyncApi:
         """
         return await self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/priors", json_of(PriorsReport), body=body)
 
-    async def put_model(self, imageset_id: str, body: Union[Dict[str, Any], bytes]) -> ModelReport:
-        """Sets the poses and cameras of images to those of another program's model of them.
-
-        An `application/zip` body holds COLMAP's `cameras` and `images`, `.txt` or `.bin`, in
-        any folder; `application/json` is a `transforms.json`. Names of images may differ in
-        folders and extensions. Other priors of the images stay. Jobs look at the poses with
-        `poses: given` or `given_metric`.
-
-        `PUT /v1/imagesets/{id}/model`
-        """
-        return await self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/model", json_of(ModelReport), body=body, headers={"Content-Type": "application/zip" if isinstance(body, bytes) else None})
-
     async def get_image(self, image_id: str) -> Image:
         """One image.
 
@@ -688,6 +676,18 @@ class AsyncApi:
         `POST /v1/imagesets/{id}/archive`
         """
         return await self._http.call("POST", f"/v1/imagesets/{quoted(imageset_id)}/archive", json_of(UploadReport), body=data, headers={"Content-Type": "application/zip"})
+
+    async def put_model(self, imageset_id: str, body: Union[Dict[str, Any], bytes]) -> ModelReport:
+        """Sets the poses and cameras of images to those of another program's model of them.
+
+        An `application/zip` body holds COLMAP's `cameras` and `images`, `.txt` or `.bin`, in
+        any folder; `application/json` is a `transforms.json`. Names of images may differ in
+        folders and extensions. Other priors of the images stay. Jobs look at the poses with
+        `poses: given` or `given_metric`.
+
+        `PUT /v1/imagesets/{id}/model`
+        """
+        return await self._http.call("PUT", f"/v1/imagesets/{quoted(imageset_id)}/model", json_of(ModelReport), body=body, headers={"Content-Type": "application/zip" if isinstance(body, bytes) else None})
 
     async def create_upload(self, body: CreateUpload, *, idempotency_key: Optional[str] = None) -> Upload:
         """Begins the upload of a zip archive in parts.
