@@ -67,6 +67,7 @@ RUN: Dict[str, Run] = {
     "volery serve --data data/ --listen 127.0.0.1:8080": Run(
         "admin token", ((":8080", ":0"),), ends=False
     ),
+    "volery doctor": Run("vector unit"),
     "volery maps register MAP_A MAP_B --wait": Run(", map ", (FAST_JOB,)),
     "volery maps extend MAP IMAGESET --wait": Run(", map ", (FAST_JOB,)),
     "volery serve --data data/ --mavlink udp:127.0.0.1:14550 --mavlink-key KEYFILE": Run(
