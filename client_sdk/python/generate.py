@@ -32,6 +32,8 @@ REPEATABLE_POSTS = {
     "all_stop",
     "estimate",
 }
+#: A drone that is told late to fly must not be told at all: who repeats these does so knowingly.
+SENT_ONCE = {"command_drone", "fly_to_target", "start_flight", "resume_flight"}
 #: Spoken over the WebSocket, in `_async/socket.py`.
 NOT_A_CALL = {"open_socket"}
 #: What the variants of a union are called: its tag and this.
@@ -191,7 +193,8 @@ class Writer:
                 f"{python}: {kind if kind.startswith('Optional') else f'Optional[{kind}]'} = None"
             )
             if spelled == "Idempotency-Key":
-                extra.append("key=idempotency_key or new_key()")
+                unnamed = "" if name in SENT_ONCE else " or new_key()"
+                extra.append(f"key=idempotency_key{unnamed}")
             elif place == "query":
                 query.append(f'"{spelled}": {python}')
             else:
@@ -216,6 +219,8 @@ class Writer:
             headers.insert(0, f'"Content-Type": "{kind}"')
         if name in REPEATABLE_POSTS:
             extra.append("repeatable=True")
+        if name in SENT_ONCE:
+            extra.append("repeatable=False")
         answers = operation["responses"]
         kinds: Schema = next(
             (answers[s].get("content", {}) for s in ("200", "201", "202") if s in answers), {}

@@ -18,6 +18,7 @@ use crate::{
     audit::note,
     description::complete,
     error::{ApiError, Code},
+    idempotency::once,
     pace::keep_pace,
     routes::{
         beacons, cameras, drone_cameras, drones, exports, flights, frames, images, imagesets,
@@ -49,7 +50,6 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(service::openapi_yaml))
         .routes(routes!(service::metrics))
         .routes(routes!(service::info))
-        .routes(routes!(tokens::create_token, tokens::list_tokens))
         .routes(routes!(tokens::delete_token))
         .routes(routes!(service::audit))
         .routes(routes!(cameras::create_camera, cameras::list_cameras))
@@ -66,8 +66,6 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(images::image_bytes))
         .routes(routes!(jobs::create_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
-        .routes(routes!(jobs::cancel_job))
-        .routes(routes!(jobs::retry_job))
         .routes(routes!(jobs::job_events))
         .routes(routes!(job_log::job_log))
         .routes(routes!(jobs::job_report))
@@ -77,14 +75,8 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(jobs::register_maps))
         .routes(routes!(maps::get_map, maps::patch_map, maps::delete_map))
         .routes(routes!(maps::list_versions))
-        .routes(routes!(maps::activate_version))
         .routes(routes!(maps::map_cameras))
-        .routes(routes!(flights::create_flight, flights::list_flights))
         .routes(routes!(flights::get_flight))
-        .routes(routes!(flights::start_flight))
-        .routes(routes!(flights::pause_flight))
-        .routes(routes!(flights::resume_flight))
-        .routes(routes!(flights::abort_flight))
         .routes(routes!(flights::list_geofences, flights::put_geofence))
         .routes(routes!(flights::delete_geofence))
         .routes(routes!(drones::list_drones))
@@ -96,7 +88,6 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         ))
         .routes(routes!(drones::drone_state))
         .routes(routes!(drones::drone_events))
-        .routes(routes!(drones::command_drone))
         .routes(routes!(drones::drone_command))
         .routes(routes!(drones::drone_pose))
         .routes(routes!(
@@ -105,15 +96,30 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
             drone_cameras::delete_drone_camera
         ))
         .routes(routes!(frames::newest_frame))
-        .routes(routes!(flights::fly_to_target))
         .routes(routes!(drones::all_stop))
-        .routes(routes!(recordings::start_recording, recordings::list_recordings))
         .routes(routes!(recordings::recording_file, recordings::delete_recording))
-        .routes(routes!(recordings::stop_recording))
         .routes(routes!(leases::create_lease, leases::list_leases))
         .routes(routes!(leases::renew_lease))
         .routes(routes!(leases::delete_lease))
         .routes(routes!(beacons::estimate))
+}
+
+/// Routes that answer at once, and whose work leaves no row that a key could name.
+fn commanding_routes() -> OpenApiRouter<Arc<App>> {
+    OpenApiRouter::new()
+        .routes(routes!(tokens::create_token, tokens::list_tokens))
+        .routes(routes!(jobs::cancel_job))
+        .routes(routes!(jobs::retry_job))
+        .routes(routes!(maps::activate_version))
+        .routes(routes!(flights::create_flight, flights::list_flights))
+        .routes(routes!(flights::start_flight))
+        .routes(routes!(flights::pause_flight))
+        .routes(routes!(flights::resume_flight))
+        .routes(routes!(flights::abort_flight))
+        .routes(routes!(drones::command_drone))
+        .routes(routes!(flights::fly_to_target))
+        .routes(routes!(recordings::start_recording, recordings::list_recordings))
+        .routes(routes!(recordings::stop_recording))
 }
 
 /// Routes that write what they take to the disk as it comes.
@@ -144,7 +150,13 @@ fn slow_routes() -> OpenApiRouter<Arc<App>> {
 
 /// The description alone.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    complete(quick_routes().merge(upload_routes()).merge(slow_routes()).into_openapi())
+    complete(
+        quick_routes()
+            .merge(commanding_routes())
+            .merge(upload_routes())
+            .merge(slow_routes())
+            .into_openapi(),
+    )
 }
 
 /// The description as text.
@@ -159,9 +171,11 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     let form = limits.image_bytes + limits.json_bytes;
     let upload = limits.archive_bytes.max(limits.upload_bytes);
     let quick: Router<Arc<App>> = quick_routes().into();
+    let commanding: Router<Arc<App>> = commanding_routes().into();
     let slow: Router<Arc<App>> = slow_routes().into();
     let uploads: Router<Arc<App>> = upload_routes().into();
     quick
+        .merge(commanding.layer(from_fn_with_state(Arc::clone(&app), once)))
         .merge(page::router())
         .layer(from_fn_with_state(Arc::clone(&app), limit_time))
         .layer(DefaultBodyLimit::max(limits.json_bytes as usize))

@@ -13,6 +13,7 @@ use crate::{
     config::Config,
     error::{ApiError, ApiResult, Code},
     fleet::Drones,
+    idempotency::Answers,
     metrics::Metrics,
     pictures::Pictures,
     poses::Poses,
@@ -34,6 +35,8 @@ pub(crate) struct App {
     pub(crate) guard: Guard,
     pub(crate) metrics: Metrics,
     pub(crate) audit: Audit,
+    /// To requests that had a key.
+    pub(crate) answers: Answers,
     pub(crate) decoders: Pool,
     pub(crate) localizers: Pool,
     /// Localizers that follow streams.
@@ -94,6 +97,7 @@ impl App {
             guard: Guard::default(),
             metrics: Metrics::default(),
             audit,
+            answers: Answers::default(),
             upload_files: UploadFiles::open(&config.data)?,
             config,
             store,

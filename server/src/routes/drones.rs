@@ -142,7 +142,8 @@ pub(crate) async fn drone_events(
 
 /// Commands a drone. The newest command takes the place of the one before.
 #[utoipa::path(post, path = "/v1/drones/{id}/commands", tag = "drones", request_body = DroneCommand,
-    params(("id" = u8, Path, description = "MAVLink system id")),
+    params(("id" = u8, Path, description = "MAVLink system id"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "It will be sent", body = DroneCommandStatus)))]
 pub(crate) async fn command_drone(
     State(app): State<Arc<App>>,

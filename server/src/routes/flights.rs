@@ -30,6 +30,7 @@ const DRONE_RADIUS: f64 = 0.3;
 /// Plans a flight and checks the plan as a whole: speeds, distances between drones, fence. A plan
 /// that breaks a rule is refused with the rule, the drones, the time and the place.
 #[utoipa::path(post, path = "/v1/flights", tag = "flights", request_body = CreateFlight,
+    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 201, description = "The flight, ready to start", body = Flight)))]
 pub(crate) async fn create_flight(
     State(app): State<Arc<App>>,
@@ -57,7 +58,8 @@ pub(crate) async fn create_flight(
 /// Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only tells
 /// them. A newer target takes the place of the one before.
 #[utoipa::path(post, path = "/v1/drones/{id}/target", tag = "drones", request_body = CreateTarget,
-    params(("id" = u8, Path, description = "MAVLink system id")),
+    params(("id" = u8, Path, description = "MAVLink system id"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 200, description = "The way, not flown (`dry_run`)", body = Target),
         (status = 202, description = "The way; its flight is at `Location`", body = Target)))]
 pub(crate) async fn fly_to_target(
@@ -128,7 +130,8 @@ pub(crate) async fn get_flight(
 
 /// Takes off with those who stand beneath their starts, and flies when all are there.
 #[utoipa::path(post, path = "/v1/flights/{id}/start", tag = "flights",
-    params(("id" = Uuid, Path, description = "Of the flight")),
+    params(("id" = Uuid, Path, description = "Of the flight"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn start_flight(
     State(app): State<Arc<App>>,
@@ -140,7 +143,8 @@ pub(crate) async fn start_flight(
 
 /// Everybody waits in the air.
 #[utoipa::path(post, path = "/v1/flights/{id}/pause", tag = "flights",
-    params(("id" = Uuid, Path, description = "Of the flight")),
+    params(("id" = Uuid, Path, description = "Of the flight"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn pause_flight(
     State(app): State<Arc<App>>,
@@ -152,7 +156,8 @@ pub(crate) async fn pause_flight(
 
 /// Goes on after a pause.
 #[utoipa::path(post, path = "/v1/flights/{id}/resume", tag = "flights",
-    params(("id" = Uuid, Path, description = "Of the flight")),
+    params(("id" = Uuid, Path, description = "Of the flight"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn resume_flight(
     State(app): State<Arc<App>>,
@@ -164,7 +169,8 @@ pub(crate) async fn resume_flight(
 
 /// Everybody lands, one above another waiting until the place beneath is free.
 #[utoipa::path(post, path = "/v1/flights/{id}/abort", tag = "flights",
-    params(("id" = Uuid, Path, description = "Of the flight")),
+    params(("id" = Uuid, Path, description = "Of the flight"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The flight", body = Flight)))]
 pub(crate) async fn abort_flight(
     State(app): State<Arc<App>>,

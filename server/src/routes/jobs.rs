@@ -189,7 +189,8 @@ pub(crate) async fn get_job(
 
 /// Ends a waiting job, or asks a running one to stop at its next unit of work.
 #[utoipa::path(post, path = "/v1/jobs/{id}/cancel", tag = "jobs",
-    params(("id" = Uuid, Path, description = "Of the job")),
+    params(("id" = Uuid, Path, description = "Of the job"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The job", body = Job)))]
 pub(crate) async fn cancel_job(
     State(app): State<Arc<App>>,
@@ -204,7 +205,8 @@ pub(crate) async fn cancel_job(
 /// Runs a failed, cancelled or partial job again. What it has finished is not done again, but for
 /// `from_stage` and what comes after it.
 #[utoipa::path(post, path = "/v1/jobs/{id}/retry", tag = "jobs",
-    params(RetryQuery, ("id" = Uuid, Path, description = "Of the job")),
+    params(RetryQuery, ("id" = Uuid, Path, description = "Of the job"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 202, description = "The job", body = Job)))]
 pub(crate) async fn retry_job(
     State(app): State<Arc<App>>,

@@ -19,6 +19,7 @@ use crate::{
 /// Takes drones: nobody else commands them while the lease lasts, and they hold when it is over.
 /// `POST /v1/all-stop` needs no lease.
 #[utoipa::path(post, path = "/v1/leases", tag = "drones", request_body = CreateLease,
+    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 201, description = "The lease, to be renewed in time", body = Lease)))]
 pub(crate) async fn create_lease(
     State(app): State<Arc<App>>,

@@ -96,7 +96,8 @@ pub(crate) async fn list_versions(
 
 /// Makes a version answer from now on.
 #[utoipa::path(post, path = "/v1/maps/{id}/activate", tag = "maps", request_body = ActivateMap,
-    params(("id" = Uuid, Path, description = "Of the map")),
+    params(("id" = Uuid, Path, description = "Of the map"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 200, description = "The map", body = Map)))]
 pub(crate) async fn activate_version(
     State(app): State<Arc<App>>,

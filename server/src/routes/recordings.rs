@@ -21,6 +21,7 @@ use crate::{
 
 /// Records everything that a drone's link sends and receives, from now on.
 #[utoipa::path(post, path = "/v1/recordings", tag = "drones", request_body = CreateRecording,
+    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 201, description = "It runs", body = Recording)))]
 pub(crate) async fn start_recording(
     State(app): State<Arc<App>>,
@@ -48,7 +49,8 @@ pub(crate) async fn list_recordings(
 
 /// Ends a recording.
 #[utoipa::path(post, path = "/v1/recordings/{id}/stop", tag = "drones",
-    params(("id" = Uuid, Path, description = "Of the recording")),
+    params(("id" = Uuid, Path, description = "Of the recording"),
+        ("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 200, description = "The recording", body = Recording)))]
 pub(crate) async fn stop_recording(
     State(app): State<Arc<App>>,

@@ -8,6 +8,7 @@ mod connections;
 mod crash;
 mod drones;
 mod flights;
+mod idempotency;
 mod independent_drones;
 mod jobs;
 mod leases;

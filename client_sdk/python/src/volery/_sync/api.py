@@ -58,23 +58,6 @@ class Api:
         """
         return self._http.call("GET", "/v1/info", json_of(Info))
 
-    def list_tokens(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Token]:
-        """Lists tokens without their secrets.
-
-        * `limit`: Most items to answer, 1 to 1000; 100 when absent.
-        * `cursor`: `next_cursor` of the page before.
-
-        `GET /v1/tokens`
-        """
-        return self._http.call("GET", "/v1/tokens", json_of(Page[Token]), query={"limit": limit, "cursor": cursor})
-
-    def create_token(self, body: CreateToken) -> CreatedToken:
-        """Makes a token. Its secret is in this answer and nowhere else.
-
-        `POST /v1/tokens`
-        """
-        return self._http.call("POST", "/v1/tokens", json_of(CreatedToken), body=body)
-
     def delete_token(self, token_id: str) -> None:
         """Ends a token at once.
 
@@ -245,26 +228,6 @@ class Api:
         """
         return self._http.call("DELETE", f"/v1/jobs/{quoted(job_id)}", none)
 
-    def cancel_job(self, job_id: str) -> Job:
-        """Ends a waiting job, or asks a running one to stop at its next unit of work.
-
-        `POST /v1/jobs/{id}/cancel`
-        """
-        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/cancel", json_of(Job))
-
-    def retry_job(self, job_id: str, *, from_stage: Optional[str] = None) -> Job:
-        """Runs a failed, cancelled or partial job again. What it has finished is not done again,
-        but for `from_stage` and what comes after it.
-
-        * `from_stage`: Does this stage and all after it anew, whatever is finished of them:
-          `features`, `pairs`,
-        `matching`, `mapping`, `align`, `export`, `depth_maps`, `fusion`, `meshing`,
-          `texturing`.
-
-        `POST /v1/jobs/{id}/retry`
-        """
-        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/retry", json_of(Job), query={"from_stage": from_stage})
-
     def job_events(self, job_id: str, *, after: Optional[int] = None, limit: Optional[int] = None) -> JobEvents:
         """What happened to a job, in order.
 
@@ -361,13 +324,6 @@ class Api:
         """
         return self._http.call("GET", f"/v1/maps/{quoted(map_id)}/versions", json_of(Page[MapVersion]), query={"limit": limit, "cursor": cursor})
 
-    def activate_version(self, map_id: str, body: ActivateMap) -> Map:
-        """Makes a version answer from now on.
-
-        `POST /v1/maps/{id}/activate`
-        """
-        return self._http.call("POST", f"/v1/maps/{quoted(map_id)}/activate", json_of(Map), body=body)
-
     def map_cameras(self, map_id: str, *, version: Optional[int] = None) -> MapCameras:
         """The posed images of a map and its cameras.
 
@@ -377,55 +333,12 @@ class Api:
         """
         return self._http.call("GET", f"/v1/maps/{quoted(map_id)}/cameras", json_of(MapCameras), query={"version": version})
 
-    def list_flights(self) -> List[Flight]:
-        """All flights since the service started, the oldest first.
-
-        `GET /v1/flights`
-        """
-        return self._http.call("GET", "/v1/flights", json_of(List[Flight]))
-
-    def create_flight(self, body: CreateFlight) -> Flight:
-        """Plans a flight and checks the plan as a whole: speeds, distances between drones, fence.
-        A plan that breaks a rule is refused with the rule, the drones, the time and the place.
-
-        `POST /v1/flights`
-        """
-        return self._http.call("POST", "/v1/flights", json_of(Flight), body=body)
-
     def get_flight(self, flight_id: str) -> Flight:
         """One flight: its plan, its state, what happened.
 
         `GET /v1/flights/{id}`
         """
         return self._http.call("GET", f"/v1/flights/{quoted(flight_id)}", json_of(Flight))
-
-    def start_flight(self, flight_id: str) -> Flight:
-        """Takes off with those who stand beneath their starts, and flies when all are there.
-
-        `POST /v1/flights/{id}/start`
-        """
-        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/start", json_of(Flight))
-
-    def pause_flight(self, flight_id: str) -> Flight:
-        """Everybody waits in the air.
-
-        `POST /v1/flights/{id}/pause`
-        """
-        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/pause", json_of(Flight))
-
-    def resume_flight(self, flight_id: str) -> Flight:
-        """Goes on after a pause.
-
-        `POST /v1/flights/{id}/resume`
-        """
-        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/resume", json_of(Flight))
-
-    def abort_flight(self, flight_id: str) -> Flight:
-        """Everybody lands, one above another waiting until the place beneath is free.
-
-        `POST /v1/flights/{id}/abort`
-        """
-        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/abort", json_of(Flight))
 
     def list_geofences(self) -> List[Geofence]:
         """The fences of all maps that have one.
@@ -503,13 +416,6 @@ class Api:
         """
         return self._http.call("GET", f"/v1/drones/{quoted(drone_id)}/events", json_of(Page[DroneEvent]), query={"after": after, "limit": limit})
 
-    def command_drone(self, drone_id: int, body: DroneCommand) -> DroneCommandStatus:
-        """Commands a drone. The newest command takes the place of the one before.
-
-        `POST /v1/drones/{id}/commands`
-        """
-        return self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/commands", json_of(DroneCommandStatus), body=body)
-
     def drone_command(self, drone_id: int, command: int) -> DroneCommandStatus:
         """How far a command is.
 
@@ -556,14 +462,6 @@ class Api:
         """
         return self._http.call("GET", f"/v1/drones/{quoted(drone_id)}/frame", content)
 
-    def fly_to_target(self, drone_id: int, body: CreateTarget) -> Target:
-        """Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only
-        tells them. A newer target takes the place of the one before.
-
-        `POST /v1/drones/{id}/target`
-        """
-        return self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/target", json_of(Target), body=body)
-
     def all_stop(self) -> AllStopped:
         """Stops every drone: those in flight stay where they are, motors on the ground go off. It
         waits for nothing.
@@ -571,20 +469,6 @@ class Api:
         `POST /v1/all-stop`
         """
         return self._http.call("POST", "/v1/all-stop", json_of(AllStopped), repeatable=True)
-
-    def list_recordings(self) -> Page[Recording]:
-        """All recordings, the oldest first.
-
-        `GET /v1/recordings`
-        """
-        return self._http.call("GET", "/v1/recordings", json_of(Page[Recording]))
-
-    def start_recording(self, body: CreateRecording) -> Recording:
-        """Records everything that a drone's link sends and receives, from now on.
-
-        `POST /v1/recordings`
-        """
-        return self._http.call("POST", "/v1/recordings", json_of(Recording), body=body)
 
     def recording_file(self, recording_id: str) -> bytes:
         """The file of a recording: a telemetry log as ground stations and pymavlink read it.
@@ -600,13 +484,6 @@ class Api:
         """
         return self._http.call("DELETE", f"/v1/recordings/{quoted(recording_id)}", none)
 
-    def stop_recording(self, recording_id: str) -> Recording:
-        """Ends a recording.
-
-        `POST /v1/recordings/{id}/stop`
-        """
-        return self._http.call("POST", f"/v1/recordings/{quoted(recording_id)}/stop", json_of(Recording))
-
     def list_leases(self) -> Page[Lease]:
         """Leases that are not over.
 
@@ -614,13 +491,15 @@ class Api:
         """
         return self._http.call("GET", "/v1/leases", json_of(Page[Lease]))
 
-    def create_lease(self, body: CreateLease) -> Lease:
+    def create_lease(self, body: CreateLease, *, idempotency_key: Optional[str] = None) -> Lease:
         """Takes drones: nobody else commands them while the lease lasts, and they hold when it is
         over. `POST /v1/all-stop` needs no lease.
 
+        * `idempotency_key`: Names this request
+
         `POST /v1/leases`
         """
-        return self._http.call("POST", "/v1/leases", json_of(Lease), body=body)
+        return self._http.call("POST", "/v1/leases", json_of(Lease), key=idempotency_key or new_key(), body=body)
 
     def renew_lease(self, lease_id: str) -> Lease:
         """Renews a lease: from now on it lasts for its whole time again.
@@ -643,6 +522,154 @@ class Api:
         `POST /v1/beacons/estimate`
         """
         return self._http.call("POST", "/v1/beacons/estimate", json_of(BeaconEstimate), body=body, repeatable=True)
+
+    def list_tokens(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Token]:
+        """Lists tokens without their secrets.
+
+        * `limit`: Most items to answer, 1 to 1000; 100 when absent.
+        * `cursor`: `next_cursor` of the page before.
+
+        `GET /v1/tokens`
+        """
+        return self._http.call("GET", "/v1/tokens", json_of(Page[Token]), query={"limit": limit, "cursor": cursor})
+
+    def create_token(self, body: CreateToken, *, idempotency_key: Optional[str] = None) -> CreatedToken:
+        """Makes a token. Its secret is in this answer and nowhere else.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/tokens`
+        """
+        return self._http.call("POST", "/v1/tokens", json_of(CreatedToken), key=idempotency_key or new_key(), body=body)
+
+    def cancel_job(self, job_id: str, *, idempotency_key: Optional[str] = None) -> Job:
+        """Ends a waiting job, or asks a running one to stop at its next unit of work.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/jobs/{id}/cancel`
+        """
+        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/cancel", json_of(Job), key=idempotency_key or new_key())
+
+    def retry_job(self, job_id: str, *, from_stage: Optional[str] = None, idempotency_key: Optional[str] = None) -> Job:
+        """Runs a failed, cancelled or partial job again. What it has finished is not done again,
+        but for `from_stage` and what comes after it.
+
+        * `from_stage`: Does this stage and all after it anew, whatever is finished of them:
+          `features`, `pairs`,
+        `matching`, `mapping`, `align`, `export`, `depth_maps`, `fusion`, `meshing`,
+          `texturing`.
+        * `idempotency_key`: Names this request
+
+        `POST /v1/jobs/{id}/retry`
+        """
+        return self._http.call("POST", f"/v1/jobs/{quoted(job_id)}/retry", json_of(Job), key=idempotency_key or new_key(), query={"from_stage": from_stage})
+
+    def activate_version(self, map_id: str, body: ActivateMap, *, idempotency_key: Optional[str] = None) -> Map:
+        """Makes a version answer from now on.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/maps/{id}/activate`
+        """
+        return self._http.call("POST", f"/v1/maps/{quoted(map_id)}/activate", json_of(Map), key=idempotency_key or new_key(), body=body)
+
+    def list_flights(self) -> List[Flight]:
+        """All flights since the service started, the oldest first.
+
+        `GET /v1/flights`
+        """
+        return self._http.call("GET", "/v1/flights", json_of(List[Flight]))
+
+    def create_flight(self, body: CreateFlight, *, idempotency_key: Optional[str] = None) -> Flight:
+        """Plans a flight and checks the plan as a whole: speeds, distances between drones, fence.
+        A plan that breaks a rule is refused with the rule, the drones, the time and the place.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/flights`
+        """
+        return self._http.call("POST", "/v1/flights", json_of(Flight), key=idempotency_key or new_key(), body=body)
+
+    def start_flight(self, flight_id: str, *, idempotency_key: Optional[str] = None) -> Flight:
+        """Takes off with those who stand beneath their starts, and flies when all are there.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/flights/{id}/start`
+        """
+        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/start", json_of(Flight), key=idempotency_key, repeatable=False)
+
+    def pause_flight(self, flight_id: str, *, idempotency_key: Optional[str] = None) -> Flight:
+        """Everybody waits in the air.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/flights/{id}/pause`
+        """
+        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/pause", json_of(Flight), key=idempotency_key or new_key())
+
+    def resume_flight(self, flight_id: str, *, idempotency_key: Optional[str] = None) -> Flight:
+        """Goes on after a pause.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/flights/{id}/resume`
+        """
+        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/resume", json_of(Flight), key=idempotency_key, repeatable=False)
+
+    def abort_flight(self, flight_id: str, *, idempotency_key: Optional[str] = None) -> Flight:
+        """Everybody lands, one above another waiting until the place beneath is free.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/flights/{id}/abort`
+        """
+        return self._http.call("POST", f"/v1/flights/{quoted(flight_id)}/abort", json_of(Flight), key=idempotency_key or new_key())
+
+    def command_drone(self, drone_id: int, body: DroneCommand, *, idempotency_key: Optional[str] = None) -> DroneCommandStatus:
+        """Commands a drone. The newest command takes the place of the one before.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/drones/{id}/commands`
+        """
+        return self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/commands", json_of(DroneCommandStatus), key=idempotency_key, body=body, repeatable=False)
+
+    def fly_to_target(self, drone_id: int, body: CreateTarget, *, idempotency_key: Optional[str] = None) -> Target:
+        """Flies a drone that hovers to a place, by legs that are checked before: `dry_run` only
+        tells them. A newer target takes the place of the one before.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/drones/{id}/target`
+        """
+        return self._http.call("POST", f"/v1/drones/{quoted(drone_id)}/target", json_of(Target), key=idempotency_key, body=body, repeatable=False)
+
+    def list_recordings(self) -> Page[Recording]:
+        """All recordings, the oldest first.
+
+        `GET /v1/recordings`
+        """
+        return self._http.call("GET", "/v1/recordings", json_of(Page[Recording]))
+
+    def start_recording(self, body: CreateRecording, *, idempotency_key: Optional[str] = None) -> Recording:
+        """Records everything that a drone's link sends and receives, from now on.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/recordings`
+        """
+        return self._http.call("POST", "/v1/recordings", json_of(Recording), key=idempotency_key or new_key(), body=body)
+
+    def stop_recording(self, recording_id: str, *, idempotency_key: Optional[str] = None) -> Recording:
+        """Ends a recording.
+
+        * `idempotency_key`: Names this request
+
+        `POST /v1/recordings/{id}/stop`
+        """
+        return self._http.call("POST", f"/v1/recordings/{quoted(recording_id)}/stop", json_of(Recording), key=idempotency_key or new_key())
 
     def list_images(self, imageset_id: str, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Image]:
         """Lists the images of a set.

@@ -59,12 +59,13 @@ class Http:
         query: Optional[Mapping[str, Any]] = None,
         headers: Optional[Mapping[str, Any]] = None,
         key: Optional[str] = None,
-        repeatable: bool = False,
+        repeatable: Optional[bool] = None,
     ) -> T:
         """Sends a request and reads the answer.
 
         A request that does no more when it arrives twice is repeated while the trouble may pass:
-        GET, PUT, PATCH, DELETE, those with an `Idempotency-Key`, and those marked `repeatable`.
+        GET, PUT, PATCH, DELETE and those with an `Idempotency-Key`, unless `repeatable` says
+        otherwise.
         """
         request: Dict[str, Any] = {
             "params": {name: value for name, value in (query or {}).items() if value is not None},
@@ -86,7 +87,9 @@ class Http:
         elif body is not None:
             request["content"] = json.dumps(plain(body), allow_nan=False).encode()
             request["headers"]["Content-Type"] = b"application/json"
-        may_repeat = repeatable or key is not None or method != "POST"
+        may_repeat = repeatable
+        if may_repeat is None:
+            may_repeat = key is not None or method != "POST"
         waits = list(RETRY_WAITS) if may_repeat else []
         tries = 0
         while True:
