@@ -29,6 +29,9 @@ use crate::{
 /// Time between looks for jobs whose turn has come without anyone calling.
 const POLL: Duration = Duration::from_secs(1);
 
+/// Codes of failures that a full disk may be the cause of.
+const FOR_WANT_OF_SPACE: [&str; 3] = ["disk_full", "io", "worker_crashed"];
+
 /// Runs jobs until the service closes down.
 pub(crate) async fn run_jobs(app: Arc<App>) {
     let loops = TaskTracker::new();
@@ -41,14 +44,14 @@ pub(crate) async fn run_jobs(app: Arc<App>) {
 
 async fn claim_and_run(app: Arc<App>) {
     let lease_ms = app.config.jobs.lease.as_millis() as i64;
+    let mut had_space = true;
     while !app.closing.is_cancelled() {
-        let claimed = match app.store.claim_job(app.instance, lease_ms).await {
-            Ok(claimed) => claimed,
-            Err(error) => {
-                tracing::warn!(error = %error.detail, "cannot claim a job");
-                None
-            }
-        };
+        let space = has_space(&app).await;
+        if had_space && !space {
+            tracing::error!("the disk is full: jobs wait until there is space");
+        }
+        had_space = space;
+        let claimed = if space { claim(&app, lease_ms).await } else { None };
         match claimed {
             Some(job) => run(&app, &job).await,
             None => {
@@ -64,6 +67,18 @@ async fn claim_and_run(app: Arc<App>) {
     }
 }
 
+async fn claim(app: &App, lease_ms: i64) -> Option<JobRow> {
+    let claimed = app.store.claim_job(app.instance, lease_ms).await;
+    claimed.unwrap_or_else(|error| {
+        tracing::warn!(error = %error.detail, "cannot claim a job");
+        None
+    })
+}
+
+async fn has_space(app: &Arc<App>) -> bool {
+    app.with_blobs(|blobs| blobs.check_space(0)).await.is_ok()
+}
+
 async fn run(app: &Arc<App>, job: &JobRow) {
     let lease = Lease { job: job.id, token: job.lease_token };
     let mut heart = Heart::start(Arc::clone(app), lease);
@@ -76,6 +91,7 @@ async fn run(app: &Arc<App>, job: &JobRow) {
         }
         Err(error) => again_or_failed(app, job, to_job_error(&error)),
     };
+    let finish = unless_disk_is_full(app, finish).await;
     match app.store.finish_job(lease, finish).await {
         Ok(Ok(JobState::Succeeded)) if !app.config.jobs.keep_work_folders => {
             if let Err(error) = tokio::fs::remove_dir_all(app.job_folder(job.id)).await {
@@ -105,7 +121,7 @@ async fn work(
     }
     Ok(Some(match run_child(app, job, lease, heart).await? {
         Ended::LeaseLost => return Ok(None),
-        Ended::Closing => Finish::Interrupted,
+        Ended::Closing => Finish::Interrupted(None),
         Ended::Stopped => Finish::Cancelled,
         Ended::Said(result) if result.ok => publish(app, job, result).await?,
         Ended::Said(JobResult { code, detail, hint, .. }) => {
@@ -162,6 +178,22 @@ fn again_or_failed(app: &App, job: &JobRow, error: JobError) -> Finish {
     let backoff = &app.config.jobs.backoff;
     let wait = backoff.get(job.attempt.saturating_sub(1) as usize).or(backoff.last());
     Finish::Retry { error, delay_ms: wait.map_or(0, |wait| wait.as_millis() as i64) }
+}
+
+/// A failure on a full disk does not count: the job goes on when there is space.
+async fn unless_disk_is_full(app: &Arc<App>, finish: Finish) -> Finish {
+    match &finish {
+        Finish::Failed(error) | Finish::Retry { error, .. }
+            if FOR_WANT_OF_SPACE.contains(&error.code.as_str()) && !has_space(app).await =>
+        {
+            Finish::Interrupted(Some(JobError {
+                code: "disk_full".to_owned(),
+                detail: error.detail.clone(),
+                hint: Some("free some space: the job goes on by itself".to_owned()),
+            }))
+        }
+        _ => finish,
+    }
 }
 
 fn to_job_error(error: &ApiError) -> JobError {

@@ -43,8 +43,8 @@ pub(crate) enum Finish {
     Cancelled,
     /// Again, after a while.
     Retry { error: JobError, delay_ms: i64 },
-    /// The service closes down: again, as if it had not begun.
-    Interrupted,
+    /// The service closes down, or its disk is full: again, as if it had not begun.
+    Interrupted(Option<JobError>),
 }
 
 impl Store {
@@ -195,7 +195,7 @@ impl Store {
             Finish::Retry { error, delay_ms } => {
                 (JobState::Queued, Some(error), None, now + delay_ms, 0)
             }
-            Finish::Interrupted => (JobState::Queued, None, None, now, 1),
+            Finish::Interrupted(error) => (JobState::Queued, error, None, now, 1),
         };
         let error_text = error.as_ref().map(serde_json::to_string).transpose()?;
         sqlx::query(

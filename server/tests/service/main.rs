@@ -6,6 +6,7 @@ mod archives;
 mod audit;
 mod connections;
 mod crash;
+mod disk_full;
 mod drones;
 mod flights;
 mod idempotency;

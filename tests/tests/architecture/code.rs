@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use volery_tests::repository::repository_root;
+use volery_tests::repository::{cargo_metadata, repository_root};
 use volery_tests::source::{blank_comments_and_literals, has_token, rust_files, without_tests};
+
+use crate::text;
 
 /// What pure code does not say: files, sockets, processes, clocks, the environment, prints,
 /// waiting, globals that change.
@@ -154,4 +156,31 @@ fn words_stay_in_their_rooms() {
         }
     }
     assert!(strays.is_empty(), "{}", strays.join("\n"));
+}
+
+/// What is not built for its unit tests (`test = false`) has none that could be forgotten.
+#[test]
+fn every_unit_test_is_run() {
+    let metadata = cargo_metadata().unwrap();
+    let root = repository_root();
+    let packages = metadata["packages"].as_array().unwrap().iter();
+    let targets = packages.flat_map(|package| package["targets"].as_array().unwrap());
+    let mut untested = 0;
+    let mut forgotten = Vec::new();
+    for target in targets.filter(|target| target["test"] == false) {
+        let file = Path::new(text(target, "src_path"));
+        let is_code = ["lib", "bin"].iter().any(|kind| target["kind"][0] == *kind);
+        if !is_code || !file.starts_with(&root) {
+            continue;
+        }
+        untested += 1;
+        for file in rust_files(file.parent().unwrap_or(file)) {
+            let code = blank_comments_and_literals(&std::fs::read_to_string(&file).unwrap());
+            if code.contains("#[test]") || code.contains("#[tokio::test]") {
+                forgotten.push(file.display().to_string());
+            }
+        }
+    }
+    assert!(untested >= 4, "only {untested} targets without unit tests were found");
+    assert!(forgotten.is_empty(), "tests that nobody runs:\n{}", forgotten.join("\n"));
 }
