@@ -12,7 +12,7 @@ use std::{
 use axum::{
     body::{Body, Bytes, to_bytes},
     extract::{FromRequest, FromRequestParts, Request, State},
-    http::{HeaderMap, HeaderValue, Method, StatusCode},
+    http::{HeaderMap, HeaderValue, Method, response},
     middleware::Next,
     response::{IntoResponse, Response},
 };
@@ -113,8 +113,7 @@ struct Remembered {
 struct Answer {
     /// Hash of query and body.
     request: String,
-    status: StatusCode,
-    headers: HeaderMap,
+    parts: response::Parts,
     body: Bytes,
 }
 
@@ -151,9 +150,9 @@ impl Answer {
     }
 
     fn again(&self) -> Response {
-        let mut headers = self.headers.clone();
-        headers.insert(REPLAYED, HeaderValue::from_static("true"));
-        (self.status, headers, self.body.clone()).into_response()
+        let mut parts = self.parts.clone();
+        parts.headers.insert(REPLAYED, HeaderValue::from_static("true"));
+        Response::from_parts(parts, Body::from(self.body.clone()))
     }
 }
 
@@ -189,8 +188,7 @@ async fn keyed(app: Arc<App>, request: Request, next: Next) -> ApiResult<Respons
             }
             let (parts, body) = response.into_parts();
             let body = to_bytes(body, usize::MAX).await.map_err(ApiError::internal)?;
-            let (status, headers) = (parts.status, parts.headers.clone());
-            let answer = Answer { request, status, headers, body: body.clone() };
+            let answer = Answer { request, parts: parts.clone(), body: body.clone() };
             app.answers.filled(id, answer.num_bytes());
             *turn = Some(answer);
             Ok(Response::from_parts(parts, Body::from(body)))

@@ -84,8 +84,9 @@ struct ToTheEnd {
     pieces: Option<BoxStream<'static, Result<Bytes, BoxError>>>,
 }
 
-/// Longest time for what nobody reads.
+/// Longest time for what nobody reads, and longest pause in it: who sends nothing hears the answer.
 const LINGER: Duration = Duration::from_secs(30);
+const LINGER_PAUSE: Duration = Duration::from_secs(5);
 
 impl Stream for ToTheEnd {
     type Item = Result<Bytes, BoxError>;
@@ -105,8 +106,9 @@ impl Drop for ToTheEnd {
         let (Some(mut pieces), Ok(runtime)) = (self.pieces.take(), Handle::try_current()) else {
             return;
         };
-        runtime
-            .spawn(timeout(LINGER, async move { while let Some(Ok(_)) = pieces.next().await {} }));
+        runtime.spawn(timeout(LINGER, async move {
+            while let Ok(Some(Ok(_))) = timeout(LINGER_PAUSE, pieces.next()).await {}
+        }));
     }
 }
 

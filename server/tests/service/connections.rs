@@ -135,6 +135,24 @@ async fn a_refusal_is_heard_by_who_is_still_sending() {
     asked.await.unwrap();
 }
 
+/// Who announces much and only listens hears the answer, and holds no connection for it.
+#[tokio::test]
+async fn a_body_that_never_comes_is_not_waited_for() {
+    let server = Server::start().await;
+    let addr = server.running.addr;
+    let asked = tokio::task::spawn_blocking(move || {
+        let mut stream = TcpStream::connect(addr).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let head = b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n";
+        stream.write_all(head).unwrap();
+        assert!(read_answer(&mut stream).starts_with("http/1.1 401"));
+        let start = Instant::now();
+        stream.read_to_end(&mut Vec::new()).expect("it is not closed");
+        start.elapsed()
+    });
+    assert!(asked.await.unwrap() < Duration::from_secs(15));
+}
+
 #[tokio::test]
 async fn connections_over_the_limit_are_closed_and_others_go_on() {
     let server = Server::start_with(|config| config.limits.connections = 2).await;
