@@ -50,6 +50,7 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(service::openapi_yaml))
         .routes(routes!(service::metrics))
         .routes(routes!(service::info))
+        .routes(routes!(tokens::create_token, tokens::list_tokens))
         .routes(routes!(tokens::delete_token))
         .routes(routes!(service::audit))
         .routes(routes!(cameras::create_camera, cameras::list_cameras))
@@ -107,7 +108,6 @@ fn quick_routes() -> OpenApiRouter<Arc<App>> {
 /// Routes that answer at once, and whose work leaves no row that a key could name.
 fn commanding_routes() -> OpenApiRouter<Arc<App>> {
     OpenApiRouter::new()
-        .routes(routes!(tokens::create_token, tokens::list_tokens))
         .routes(routes!(jobs::cancel_job))
         .routes(routes!(jobs::retry_job))
         .routes(routes!(maps::activate_version))

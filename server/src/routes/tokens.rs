@@ -18,7 +18,6 @@ use crate::{
 
 /// Makes a token. Its secret is in this answer and nowhere else.
 #[utoipa::path(post, path = "/v1/tokens", tag = "tokens", request_body = CreateToken,
-    params(("Idempotency-Key" = Option<String>, Header, description = "Names this request")),
     responses((status = 201, description = "The token with its secret", body = CreatedToken)))]
 pub(crate) async fn create_token(
     State(app): State<Arc<App>>,

@@ -50,12 +50,6 @@ async fn until(socket: &mut Socket, wanted: impl Fn(&Value) -> bool) -> Value {
     tokio::time::timeout(Duration::from_secs(60), find).await.unwrap()
 }
 
-async fn pilot(client: &Client, name: &str) -> Client {
-    let token = json!({"name": name, "role": "pilot"});
-    let made = client.post("/v1/tokens", token).await.expect(201).json();
-    client.with_token(made["secret"].as_str())
-}
-
 fn drones() -> Vec<DroneOptions> {
     let drone =
         |id: u8, flavor| DroneOptions::new(id, flavor, [0.0, 2.0 * f64::from(id), 0.0].into());
@@ -69,7 +63,7 @@ async fn a_lease_binds_its_drones() {
     let server = field::server().await;
     let field = Field::open(&server, drones());
     field.take_off(&[1, 2], 1.5).await;
-    let (ann, bob) = (pilot(&server.client, "ann").await, pilot(&server.client, "bob").await);
+    let (ann, bob) = (server.client.pilot("ann").await, server.client.pilot("bob").await);
     let mut alerts = listen(&server, "alerts").await;
     let mut states = listen(&server, "drone:1").await;
 
@@ -131,7 +125,7 @@ async fn a_lease_ends_with_its_socket() {
     let server = field::server().await;
     let field = Field::open(&server, drones());
     field.take_off(&[1, 2], 1.5).await;
-    let ann = pilot(&server.client, "ann").await;
+    let ann = server.client.pilot("ann").await;
     let mut alerts = listen(&server, "alerts").await;
     let mut pilot = open(&server, &ann).await;
     let lease = json!({"type": "lease", "drones": [1], "ttl_ms": 60_000});

@@ -116,6 +116,13 @@ impl Client {
         Self { addr: self.addr, token: token.map(str::to_owned) }
     }
 
+    /// A pilot of this name, with a token that this admin makes.
+    pub(crate) async fn pilot(&self, name: &str) -> Self {
+        let token = json!({"name": name, "role": "pilot"});
+        let made = self.post("/v1/tokens", token).await.expect(201).json();
+        self.with_token(made["secret"].as_str())
+    }
+
     pub(crate) async fn send(
         &self,
         method: &str,

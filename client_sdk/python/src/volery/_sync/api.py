@@ -58,6 +58,23 @@ class Api:
         """
         return self._http.call("GET", "/v1/info", json_of(Info))
 
+    def list_tokens(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Token]:
+        """Lists tokens without their secrets.
+
+        * `limit`: Most items to answer, 1 to 1000; 100 when absent.
+        * `cursor`: `next_cursor` of the page before.
+
+        `GET /v1/tokens`
+        """
+        return self._http.call("GET", "/v1/tokens", json_of(Page[Token]), query={"limit": limit, "cursor": cursor})
+
+    def create_token(self, body: CreateToken) -> CreatedToken:
+        """Makes a token. Its secret is in this answer and nowhere else.
+
+        `POST /v1/tokens`
+        """
+        return self._http.call("POST", "/v1/tokens", json_of(CreatedToken), body=body)
+
     def delete_token(self, token_id: str) -> None:
         """Ends a token at once.
 
@@ -522,25 +539,6 @@ class Api:
         `POST /v1/beacons/estimate`
         """
         return self._http.call("POST", "/v1/beacons/estimate", json_of(BeaconEstimate), body=body, repeatable=True)
-
-    def list_tokens(self, *, limit: Optional[int] = None, cursor: Optional[str] = None) -> Page[Token]:
-        """Lists tokens without their secrets.
-
-        * `limit`: Most items to answer, 1 to 1000; 100 when absent.
-        * `cursor`: `next_cursor` of the page before.
-
-        `GET /v1/tokens`
-        """
-        return self._http.call("GET", "/v1/tokens", json_of(Page[Token]), query={"limit": limit, "cursor": cursor})
-
-    def create_token(self, body: CreateToken, *, idempotency_key: Optional[str] = None) -> CreatedToken:
-        """Makes a token. Its secret is in this answer and nowhere else.
-
-        * `idempotency_key`: Names this request
-
-        `POST /v1/tokens`
-        """
-        return self._http.call("POST", "/v1/tokens", json_of(CreatedToken), key=idempotency_key or new_key(), body=body)
 
     def cancel_job(self, job_id: str, *, idempotency_key: Optional[str] = None) -> Job:
         """Ends a waiting job, or asks a running one to stop at its next unit of work.
