@@ -9,6 +9,7 @@ use std::{
     time::Instant,
 };
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use volery_api::{
@@ -45,64 +46,107 @@ const MAX_RENDER_PIXELS: u64 = 2048 * 2048;
 /// Map versions kept in memory; the least recently used goes first.
 const MAX_MAPS: usize = 8;
 
+/// After an answer, so long is waited for the next request before what could wait is begun.
+const LEISURE: Timespec = Timespec { tv_sec: 0, tv_nsec: 2_000_000 };
+
 /// Answers requests about images until standard input ends.
 pub fn run_decoder() -> io::Result<()> {
-    serve(&mut |request, payload| match request {
-        WorkerRequest::CheckImage {} => reply(check_image(payload)),
-        WorkerRequest::Thumbnail { max_side } => match thumbnail(payload, max_side) {
-            Ok(png) => Ok((reply(Ok(json!({})))?.0, png)),
-            Err(failure) => reply::<Value>(Err(failure)),
-        },
-        WorkerRequest::ReadModel { files, photos } => {
-            reply(read_model(&files, &photos, payload).map_err(of_pipeline))
-        }
-        _ => reply::<Value>(Err(failure("bad_request", "a decoder only looks at files"))),
-    })
+    serve(&mut Decoder)
 }
 
 /// Answers requests about maps until standard input ends.
 pub fn run_localizer() -> io::Result<()> {
-    let (mut maps, mut trackers) = (Maps::default(), Trackers::default());
-    serve(&mut |request, payload| match request {
-        WorkerRequest::CheckImage {}
-        | WorkerRequest::Thumbnail { .. }
-        | WorkerRequest::ReadModel { .. } => {
-            reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
-        }
-        WorkerRequest::Localize(task) => reply(localize(&task, payload, &mut maps)),
-        WorkerRequest::Track(task) => reply(trackers.track(&task, payload, &mut maps)),
-        WorkerRequest::EndTrack { stream } => {
-            trackers.end(stream);
-            reply(Ok(json!({})))
-        }
-        WorkerRequest::Render { map_dir, render } => match draw(&map_dir, &render, &mut maps) {
-            Ok((about, picture)) => Ok((reply(Ok(about))?.0, picture)),
-            Err(failure) => reply::<Value>(Err(failure)),
-        },
-        WorkerRequest::Align { map_dir, out_dir, align } => {
-            let outcome = align_folder(Path::new(&map_dir), Path::new(&out_dir), &align);
-            reply(outcome.map(|residuals| json!({ "residuals": residuals })).map_err(of_pipeline))
-        }
-        WorkerRequest::Export { map_dir, format, out } => {
-            reply(export(Path::new(&map_dir), &format, Path::new(&out)).map(|()| json!({})))
-        }
-    })
+    serve(&mut Localizer::default())
 }
 
 /// Header and payload.
 type Answer = Result<(Vec<u8>, Vec<u8>), serde_json::Error>;
 
-type Handler<'a> = dyn FnMut(WorkerRequest, &[u8]) -> Answer + 'a;
+trait Worker {
+    fn answer(&mut self, request: WorkerRequest, payload: &[u8]) -> Answer;
 
-fn serve(handle: &mut Handler<'_>) -> io::Result<()> {
+    /// Whether something could wait for the answer to leave.
+    fn is_behind(&self) -> bool {
+        false
+    }
+
+    /// Does it, and puts off what it can if the next request waits.
+    fn catch_up(&mut self, _is_hurried: bool) {}
+}
+
+struct Decoder;
+
+impl Worker for Decoder {
+    fn answer(&mut self, request: WorkerRequest, payload: &[u8]) -> Answer {
+        match request {
+            WorkerRequest::CheckImage {} => reply(check_image(payload)),
+            WorkerRequest::Thumbnail { max_side } => match thumbnail(payload, max_side) {
+                Ok(png) => Ok((reply(Ok(json!({})))?.0, png)),
+                Err(failure) => reply::<Value>(Err(failure)),
+            },
+            WorkerRequest::ReadModel { files, photos } => {
+                reply(read_model(&files, &photos, payload).map_err(of_pipeline))
+            }
+            _ => reply::<Value>(Err(failure("bad_request", "a decoder only looks at files"))),
+        }
+    }
+}
+
+#[derive(Default)]
+struct Localizer {
+    maps: Maps,
+    trackers: Trackers,
+}
+
+impl Worker for Localizer {
+    fn answer(&mut self, request: WorkerRequest, payload: &[u8]) -> Answer {
+        let Self { maps, trackers } = self;
+        match request {
+            WorkerRequest::CheckImage {}
+            | WorkerRequest::Thumbnail { .. }
+            | WorkerRequest::ReadModel { .. } => {
+                reply::<Value>(Err(failure("bad_request", "a localizer only looks at maps")))
+            }
+            WorkerRequest::Localize(task) => reply(localize(&task, payload, maps)),
+            WorkerRequest::Track(task) => reply(trackers.track(&task, payload, maps)),
+            WorkerRequest::EndTrack { stream } => {
+                trackers.end(stream);
+                reply(Ok(json!({})))
+            }
+            WorkerRequest::Render { map_dir, render } => match draw(&map_dir, &render, maps) {
+                Ok((about, picture)) => Ok((reply(Ok(about))?.0, picture)),
+                Err(failure) => reply::<Value>(Err(failure)),
+            },
+            WorkerRequest::Align { map_dir, out_dir, align } => {
+                let outcome = align_folder(Path::new(&map_dir), Path::new(&out_dir), &align);
+                let outcome = outcome.map(|residuals| json!({ "residuals": residuals }));
+                reply(outcome.map_err(of_pipeline))
+            }
+            WorkerRequest::Export { map_dir, format, out } => {
+                reply(export(Path::new(&map_dir), &format, Path::new(&out)).map(|()| json!({})))
+            }
+        }
+    }
+
+    fn is_behind(&self) -> bool {
+        self.trackers.is_behind()
+    }
+
+    fn catch_up(&mut self, is_hurried: bool) {
+        self.trackers.catch_up(is_hurried);
+    }
+}
+
+fn serve(worker: &mut impl Worker) -> io::Result<()> {
     if !parent::is_alive() {
         return Ok(());
     }
-    let (mut input, mut output) = (io::stdin().lock(), io::stdout().lock());
+    let (stdin, mut output) = (io::stdin(), io::stdout().lock());
+    let mut input = stdin.lock();
     while let Some(header) = read_part(&mut input, MAX_WORKER_HEADER)? {
         let payload = read_part(&mut input, MAX_PAYLOAD)?.ok_or(io::ErrorKind::UnexpectedEof)?;
         let (header, payload) = match serde_json::from_slice(&header) {
-            Ok(request) => handle(request, &payload)?,
+            Ok(request) => worker.answer(request, &payload)?,
             Err(error) => reply::<Value>(Err(failure("bad_request", error.to_string())))?,
         };
         for part in [&header[..], &payload] {
@@ -110,6 +154,12 @@ fn serve(handle: &mut Handler<'_>) -> io::Result<()> {
             output.write_all(part)?;
         }
         output.flush()?;
+        if worker.is_behind() {
+            // Requests come one by one, so that none is in the buffer already.
+            let mut next = [PollFd::new(&stdin, PollFlags::IN)];
+            let is_hurried = poll(&mut next, Some(&LEISURE)).is_ok_and(|num_ready| num_ready > 0);
+            worker.catch_up(is_hurried);
+        }
     }
     Ok(())
 }

@@ -33,6 +33,8 @@ const VELOCITY_SIGMA: f64 = 0.1;
 pub(super) struct Trackers {
     open: BTreeMap<u64, Followed>,
     num_uses: u64,
+    /// The stream whose frame was answered last.
+    behind: Option<u64>,
 }
 
 struct Followed {
@@ -77,10 +79,23 @@ impl Trackers {
         });
         let clock = move || start.elapsed().as_secs_f64();
         let answer = followed.tracker.track(&frame, map.index(), &clock);
+        self.behind = Some(task.stream);
         let mut reply = tracked_frame(answer, moved.as_ref());
         reply.latency.decode_ms = decode_ms;
         reply.latency.total_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(reply)
+    }
+
+    /// Whether there is a frame of which more can be learned.
+    pub(super) fn is_behind(&self) -> bool {
+        self.behind.is_some()
+    }
+
+    /// Learns more of the frame that was answered last.
+    pub(super) fn catch_up(&mut self, is_hurried: bool) {
+        let stream = self.behind.take();
+        let Some(followed) = stream.and_then(|stream| self.open.get_mut(&stream)) else { return };
+        followed.tracker.catch_up(followed.map.index(), is_hurried);
     }
 
     fn followed(

@@ -1,10 +1,14 @@
 //! Cameras that look while the drones fly.
 
 use std::net::SocketAddr;
+use std::num::NonZero;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use nalgebra::Isometry3;
+use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+use rustix::process::setpriority_process;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
@@ -14,6 +18,9 @@ use super::{Line, SimulationError};
 use crate::camera::jpeg;
 use crate::fault::FaultKind;
 use crate::{CameraFault, Eye, Fault, World};
+
+/// Of the threads that draw.
+const NICENESS: i32 = 5;
 
 /// What drones look with and where the pictures go.
 #[derive(Debug, Clone)]
@@ -53,8 +60,8 @@ pub(super) type Pictures = watch::Receiver<Option<Picture>>;
 pub(super) struct Cameras {
     eye: Arc<Eye>,
     interval: Duration,
-    /// Pictures that may be drawn at the same time.
-    max_rendering: usize,
+    /// Draws as many pictures at the same time as it has threads.
+    studio: ThreadPool,
     views: Vec<View>,
     addresses: Vec<(u8, SocketAddr)>,
     tasks: Vec<JoinHandle<()>>,
@@ -67,7 +74,7 @@ struct View {
     next: Duration,
     num_taken: u64,
     frozen: Option<Isometry3<f64>>,
-    rendering: Option<JoinHandle<()>>,
+    is_drawn: Arc<AtomicBool>,
     pictures: Arc<watch::Sender<Option<Picture>>>,
 }
 
@@ -107,13 +114,13 @@ impl Cameras {
                 next: feed.interval.mul_f64(index as f64 / world.drones.len() as f64),
                 num_taken: 0,
                 frozen: None,
-                rendering: None,
+                is_drawn: Arc::default(),
                 pictures: Arc::new(sender),
             });
         }
         let eye = Arc::new(feed.eye);
-        let max_rendering = std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
-        Ok(Self { eye, interval: feed.interval, max_rendering, views, addresses, tasks, lines })
+        let studio = studio().map_err(SimulationError::Threads)?;
+        Ok(Self { eye, interval: feed.interval, studio, views, addresses, tasks, lines })
     }
 
     /// Where pictures are served.
@@ -133,9 +140,9 @@ impl Cameras {
     /// disturbed, and no more of them work than leave room for those who look at the pictures: one
     /// that waits for its turn takes its picture later, one that is drawn beside many sends it late.
     pub(super) fn look(&mut self, world: &World, now: Duration) {
-        let is_busy = |view: &View| view.rendering.as_ref().is_some_and(|task| !task.is_finished());
-        let room =
-            self.max_rendering.saturating_sub(self.views.iter().filter(|v| is_busy(v)).count());
+        let is_busy = |view: &View| view.is_drawn.load(Ordering::Acquire);
+        let num_busy = self.views.iter().filter(|view| is_busy(view)).count();
+        let room = self.studio.current_num_threads().saturating_sub(num_busy);
         let mut due: Vec<_> = self
             .views
             .iter_mut()
@@ -159,7 +166,7 @@ impl Cameras {
                     Some(truth)
                 }
             };
-            view.rendering = Some(take(&self.eye, view, &truth, seen, world.now()));
+            take(&self.studio, &self.eye, view, &truth, seen, world.now());
         }
     }
 }
@@ -170,14 +177,29 @@ impl Drop for Cameras {
     }
 }
 
-/// A thread of its own draws the picture; nothing else waits for it.
+/// Half of the machine, and that only while nobody else wants it: real cameras do not take the time
+/// of those who look at the pictures.
+fn studio() -> Result<ThreadPool, ThreadPoolBuildError> {
+    let num_cores = std::thread::available_parallelism().map_or(1, NonZero::get);
+    ThreadPoolBuilder::new()
+        .num_threads(num_cores.div_ceil(2))
+        .thread_name(|_| "camera".to_owned())
+        .start_handler(|_| {
+            // Where it may not be less urgent, it is as urgent as everything else.
+            let _ = setpriority_process(None, NICENESS);
+        })
+        .build()
+}
+
+/// The studio draws the picture; nothing else waits for it.
 fn take(
+    studio: &ThreadPool,
     eye: &Arc<Eye>,
     view: &View,
     world_from_body: &Isometry3<f64>,
     seen: Option<Isometry3<f64>>,
     taken: Duration,
-) -> JoinHandle<()> {
+) {
     // A frozen picture keeps its noise.
     let number = if view.frozen.is_some() { 0 } else { view.num_taken };
     let seed = u64::from(view.system_id) << 32 | number;
@@ -185,7 +207,9 @@ fn take(
         SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos() as u64;
     let world_from_camera = world_from_body * eye.mount().cam_from_body().inverse();
     let (eye, pictures) = (Arc::clone(eye), Arc::clone(&view.pictures));
-    tokio::task::spawn_blocking(move || {
+    let is_drawn = Arc::clone(&view.is_drawn);
+    is_drawn.store(true, Ordering::Release);
+    studio.spawn(move || {
         let photo = seen.map_or_else(|| eye.darkness(), |pose| eye.photo(&pose, seed));
         // The size was given as a camera's and fits.
         if let Ok(bytes) = jpeg(photo) {
@@ -193,5 +217,6 @@ fn take(
             let picture = Picture { jpeg, captured_ns, taken, world_from_camera };
             pictures.send_replace(Some(picture));
         }
-    })
+        is_drawn.store(false, Ordering::Release);
+    });
 }

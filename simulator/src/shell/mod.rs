@@ -56,6 +56,9 @@ pub enum SimulationError {
     /// There are no drones or more than one with a number.
     #[error("drones need numbers of their own from 1 to 254")]
     SystemIds,
+    /// Nobody can draw what the cameras see.
+    #[error("no threads for the cameras: {0}")]
+    Threads(rayon::ThreadPoolBuildError),
 }
 
 /// The two ways of a drone's link.

@@ -174,6 +174,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "nalgebra",
             "rayon",
             "reqwest",
+            "rustix",
             "serde",
             "serde_json",
             "thiserror",

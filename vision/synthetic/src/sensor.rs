@@ -97,24 +97,28 @@ fn blur(colors: &[[f32; 3]], width: usize, sigma: f32) -> Vec<[f32; 3]> {
     let sum: f32 = kernel.iter().sum();
     kernel.iter_mut().for_each(|w| *w /= sum);
     let height = colors.len() / width;
-    let tap = |v: usize, k: usize, n: usize| (v + k).saturating_sub(radius).min(n - 1);
     let mut across = vec![[0.0; 3]; colors.len()];
     across.par_chunks_mut(width).zip(colors.par_chunks(width)).for_each(|(out, row)| {
-        for (i, pixel) in out.iter_mut().enumerate() {
-            for (k, w) in kernel.iter().enumerate() {
-                let c = row[tap(i, k, width)];
-                (0..3).for_each(|ch| pixel[ch] += w * c[ch]);
-            }
+        let mut wide = Vec::with_capacity(width + 2 * radius);
+        wide.resize(radius, row[0]);
+        wide.extend_from_slice(row);
+        wide.resize(width + 2 * radius, row[width - 1]);
+        for (k, w) in kernel.iter().enumerate() {
+            add(out, *w, &wide[k..]);
         }
     });
     let mut both = vec![[0.0; 3]; colors.len()];
     both.par_chunks_mut(width).enumerate().for_each(|(j, out)| {
         for (k, w) in kernel.iter().enumerate() {
-            let row = tap(j, k, height) * width;
-            for (pixel, c) in out.iter_mut().zip(&across[row..row + width]) {
-                (0..3).for_each(|ch| pixel[ch] += w * c[ch]);
-            }
+            let row = (j + k).saturating_sub(radius).min(height - 1) * width;
+            add(out, *w, &across[row..]);
         }
     });
     both
+}
+
+/// Adds a part of the colors from the first one on.
+fn add(to: &mut [[f32; 3]], part: f32, colors: &[[f32; 3]]) {
+    let (to, colors) = (to.as_flattened_mut(), colors.as_flattened());
+    to.iter_mut().zip(colors).for_each(|(to, color)| *to += part * color);
 }

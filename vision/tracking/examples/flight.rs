@@ -89,6 +89,7 @@ fn main() {
         let capture_time = Duration::from_secs_f64(prior.time_s.expect("a time"));
         let frame = Frame { image: &image, capture_time, telemetry };
         let answer = tracker.track(&frame, &index, &clock);
+        tracker.catch_up(&index, false);
         let t = answer.timings;
         times.push(t.sum_ms());
         let reason = [answer.fault.map(|f| f.code()), answer.problem.map(|p| p.code())];

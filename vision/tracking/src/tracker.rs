@@ -1,6 +1,7 @@
 //! From frames to poses and states.
 
 mod answer;
+mod catch_up;
 mod work;
 
 use std::sync::Arc;
@@ -9,14 +10,15 @@ use std::time::Duration;
 use nalgebra::Isometry3;
 use volery_geometry::{Camera, SimdLevel};
 use volery_localization::{
-    LocalizationIndex, LocalizationPrior, LocalizeOptions, PoseEstimate, SeenPoint, SeenPose,
-    StepTimings, localize_features, localize_near, pose_from_points,
+    LocalizationIndex, LocalizationPrior, LocalizeOptions, PoseEstimate, SeenPose, StepTimings,
+    localize_features, pose_from_points,
 };
 use volery_scene::GrayImage;
 
 pub use self::answer::{
     PoseSource, TrackAnswer, TrackProblem, TrackState, TrackTimings, TrackedPose,
 };
+use self::catch_up::Behind;
 use self::work::{Measured, Work, is_same, seen_pose};
 use crate::follow::{Anchor, Followed, anchored, follow};
 use crate::frame_check::{FrameCheck, FrameFault};
@@ -24,14 +26,6 @@ use crate::motion::{Motion, MotionLimits, Telemetry};
 use crate::pyramid::Pyramid;
 use crate::relocation::Candidates;
 
-/// Points are recognized anew after this time, so that none is followed far.
-const REFRESH: Duration = Duration::from_millis(500);
-/// The whole map is asked after this time, so that nobody is sure of the wrong place for long.
-const CHECK: Duration = Duration::from_secs(2);
-/// With few points it is tried again after this time.
-const RETRY: Duration = Duration::from_millis(200);
-/// Nothing was recognized for so long that it may take its time.
-const URGENT: Duration = Duration::from_secs(1);
 /// The first octave in which to look for features quickly: at 320x240, a quarter of the time and of
 /// the features.
 const QUICK: i32 = 0;
@@ -43,8 +37,6 @@ const FOLLOW: Duration = Duration::from_millis(2500);
 const LOST: Duration = Duration::from_secs(1);
 /// Time without a pose after which nothing of what was known before counts.
 const FORGET: Duration = Duration::from_secs(3);
-/// Fewest points of a pose that is not refreshed at once.
-const FEW_POINTS: usize = 30;
 /// Least part of the followed points in view that must agree with a pose.
 const MIN_AGREEING: f64 = 0.35;
 /// Greatest deviation of a predicted position and rotation that a single fix may confirm, map
@@ -89,6 +81,8 @@ pub struct Tracker {
     last_refresh: Duration,
     last_recognized: Duration,
     last_check: Duration,
+    /// The last frame, if its pose rests on points that were followed.
+    behind: Option<Behind>,
     reset_counter: u32,
 }
 
@@ -110,12 +104,14 @@ impl Tracker {
             last_refresh: Duration::ZERO,
             last_recognized: Duration::ZERO,
             last_check: Duration::ZERO,
+            behind: None,
             reset_counter: 0,
         }
     }
 
     /// The pose of the next frame in the map of `index`, which must be the same for all frames.
-    /// Deterministic. `clock` gives seconds from any start, for the timings.
+    /// Deterministic. `clock` gives seconds from any start, for the timings. What can wait is left
+    /// to [`Self::catch_up`].
     pub fn track(
         &mut self,
         frame: &Frame<'_>,
@@ -125,6 +121,7 @@ impl Tracker {
         let start = clock();
         let Frame { image, capture_time: time, telemetry } = *frame;
         let mut timings = TrackTimings::default();
+        self.behind = None;
         let (pyramid, fault) = match self.arrive(image, time) {
             Ok(checked) => checked,
             Err(fault) => {
@@ -138,7 +135,7 @@ impl Tracker {
         let mut work = Work { image, time, pyramid, index, clock, features: None, timings };
         let outcome = match fault {
             Some(fault) if fault.is_fatal() => Err(TrackProblem::Frame),
-            fault => self.measure(&mut work, fault),
+            _ => self.measure(&mut work),
         };
         let mut timings = work.timings;
         let answer = match outcome {
@@ -181,31 +178,11 @@ impl Tracker {
     }
 
     /// The pose of a frame, if it is believed.
-    fn measure(
-        &mut self,
-        work: &mut Work<'_>,
-        fault: Option<FrameFault>,
-    ) -> Result<Measured, TrackProblem> {
+    fn measure(&mut self, work: &mut Work<'_>) -> Result<Measured, TrackProblem> {
         let Some(followed) = self.follow(work) else { return self.search(work) };
-        let is_due = |last: Duration, period: Duration| work.time.saturating_sub(last) >= period;
-        let is_weak =
-            followed.estimate.num_inliers < FEW_POINTS && is_due(self.last_refresh, RETRY);
-        let is_old = fault.is_none() && is_due(self.last_refresh, REFRESH);
-        let is_checked = fault.is_none() && is_due(self.last_check, CHECK) || self.is_contradicted;
         let mut measured = Measured::followed(followed);
-        if is_checked {
+        if self.is_contradicted {
             self.check_place(work, &mut measured);
-        } else if is_weak || is_old {
-            let is_urgent = is_weak || is_due(self.last_recognized, URGENT);
-            self.last_refresh = work.time;
-            let found = self.recognize(work, &measured.pose, QUICK);
-            let found = match found {
-                None if is_urgent => self.recognize(work, &measured.pose, self.thorough()),
-                found => found,
-            };
-            if let Some(recognized) = found {
-                self.join(work, &mut measured, recognized);
-            }
         }
         if self.is_contradicted { Err(TrackProblem::Contradicted) } else { Ok(measured) }
     }
@@ -227,21 +204,6 @@ impl Tracker {
         }
     }
 
-    /// The pose by the points that were followed and those that were recognized.
-    fn join(&self, work: &Work<'_>, measured: &mut Measured, found: SeenPose) {
-        let followed = &measured.pose.seen;
-        let is_new = |seen: &&SeenPoint| followed.iter().all(|f| f.point != seen.point);
-        let new = found.seen.iter().filter(is_new);
-        let all: Vec<SeenPoint> = followed.iter().chain(new).copied().collect();
-        let initial = measured.pose.estimate.map_from_camera.inverse();
-        let joined = pose_from_points(&all, all.len(), &self.camera, work.index, &initial);
-        *measured = Measured {
-            recognized: found.seen.clone(),
-            pose: joined.unwrap_or(found),
-            source: PoseSource::Pnp,
-        };
-    }
-
     /// The first octave in which to look for all features: small images are doubled.
     fn thorough(&self) -> i32 {
         if self.camera.width.max(self.camera.height) <= SMALL { -1 } else { QUICK }
@@ -256,22 +218,6 @@ impl Tracker {
         let pose = pose_from_points(seen, tried, &self.camera, work.index, &predicted).ok()?;
         let is_supported = pose.estimate.inlier_ratio() > MIN_AGREEING;
         (is_supported && motion.admits(&pose.estimate)).then_some(pose)
-    }
-
-    /// The pose by features of the map near a pose.
-    fn recognize(
-        &self,
-        work: &mut Work<'_>,
-        near: &SeenPose,
-        first_octave: i32,
-    ) -> Option<SeenPose> {
-        let motion = self.motion.as_ref()?;
-        let features = &*work.detect(&self.options.localize, first_octave);
-        let start = (work.clock)();
-        let pose = near.estimate.map_from_camera.inverse();
-        let status = localize_near(features, &self.camera, work.index, &pose, &near.seen);
-        work.timings.solve_ms += ((work.clock)() - start) * 1e3;
-        seen_pose(status, features).filter(|pose| motion.admits(&pose.estimate))
     }
 
     /// The pose by the whole map, without regard to what was before.
@@ -325,8 +271,8 @@ impl Tracker {
         measured: Measured,
         fault: Option<FrameFault>,
     ) -> TrackAnswer {
-        let Measured { pose: SeenPose { estimate, seen }, source, recognized } = measured;
-        let PoseEstimate { map_from_camera, covariance, .. } = &estimate;
+        let Measured { pose: SeenPose { estimate, .. }, source, .. } = &measured;
+        let PoseEstimate { map_from_camera, covariance, .. } = estimate;
         let limits = self.options.limits;
         let motion =
             self.motion.get_or_insert_with(|| Motion::at(map_from_camera, covariance, limits));
@@ -336,19 +282,17 @@ impl Tracker {
         let pose = TrackedPose {
             map_from_camera: motion.map_from_camera(),
             covariance: fused,
-            source: if is_fused { PoseSource::Fused } else { source },
+            source: if is_fused { PoseSource::Fused } else { *source },
             num_points: estimate.num_inliers,
             inlier_ratio: estimate.inlier_ratio(),
             reprojection_px: estimate.reprojection_px,
         };
-        if source == PoseSource::Pnp {
-            self.last_recognized = work.time;
-            let cam_from_map: Isometry3<f64> = map_from_camera.inverse();
-            let anchor =
-                Anchor { pyramid: Arc::clone(&work.pyramid), cam_from_map, time: work.time };
-            let since = work.time.saturating_sub(FOLLOW);
-            self.followed =
-                anchored(&Arc::new(anchor), &recognized, work.index, &self.followed, &seen, since);
+        if *source == PoseSource::Pnp {
+            self.anchor(work, &measured);
+        } else {
+            let (pyramid, has_fault) = (Arc::clone(&work.pyramid), fault.is_some());
+            let pose = measured.pose;
+            self.behind = Some(Behind { time: work.time, pyramid, pose, has_fault });
         }
         self.candidates.clear();
         self.last_pose = Some(work.time);
@@ -362,6 +306,17 @@ impl Tracker {
             reset_counter: self.reset_counter,
             timings: work.timings,
         }
+    }
+
+    /// Points are followed from a frame in which some were recognized.
+    fn anchor(&mut self, work: &Work<'_>, measured: &Measured) {
+        self.last_recognized = work.time;
+        let cam_from_map: Isometry3<f64> = measured.pose.estimate.map_from_camera.inverse();
+        let anchor = Anchor { pyramid: Arc::clone(&work.pyramid), cam_from_map, time: work.time };
+        let since = work.time.saturating_sub(FOLLOW);
+        let (recognized, seen) = (&measured.recognized, &measured.pose.seen);
+        self.followed =
+            anchored(&Arc::new(anchor), recognized, work.index, &self.followed, seen, since);
     }
 
     fn without_pose(

@@ -3,6 +3,7 @@
 #[path = "../../localization/tests/support/mod.rs"]
 mod support;
 
+use std::cell::Cell;
 use std::sync::LazyLock;
 use std::time::Duration;
 
@@ -38,6 +39,10 @@ fn camera() -> Camera {
     Camera::new(CameraModel::Pinhole, 320, 240, &[231.0, 231.0, 160.0, 120.0]).unwrap()
 }
 
+fn hall(seed: u64) -> Hall {
+    Hall::furnished(Vector3::new(8.0, 6.0, 3.2), 0.006, seed)
+}
+
 fn photo(renderer: &Renderer, hall: &Hall, cam_from_world: &Isometry3<f64>, seed: u64) -> Shot {
     let image = Sensor::default().expose(&renderer.render(hall, cam_from_world), seed).gray();
     Shot { image, truth: Some(cam_from_world.inverse()) }
@@ -56,10 +61,9 @@ fn flown(time_s: f64) -> Isometry3<f64> {
 
 /// The map is triangulated at true poses: tracking is judged alone.
 static STAGE: LazyLock<Stage> = LazyLock::new(|| {
-    let size = Vector3::new(8.0, 6.0, 3.2);
     let camera = camera();
     let renderer = Renderer::new(&camera);
-    let [hall, other] = [5, 77].map(|seed| Hall::furnished(size, 0.006, seed));
+    let [hall, other] = [5, 77].map(hall);
     let mut scan = Vec::new();
     for (height, distance) in [(1.35, 0.6), (1.75, 0.8)] {
         scan.extend(along_wall(&Point3::new(-2.2, distance, height), 0.0, 0.5, 10, 3));
@@ -87,7 +91,9 @@ fn track(stage: &Stage, shots: &[Shot], telemetry: Telemetry) -> Vec<TrackAnswer
     let mut tracker = Tracker::new(&stage.camera, &TrackerOptions::default());
     let answer = |(k, shot): (usize, &Shot)| {
         let frame = Frame { image: &shot.image, capture_time: STEP * (k as u32 + 7), telemetry };
-        tracker.track(&frame, &stage.index, &|| 0.0)
+        let answer = tracker.track(&frame, &stage.index, &|| 0.0);
+        tracker.catch_up(&stage.index, false);
+        answer
     };
     shots.iter().enumerate().map(answer).collect()
 }
@@ -215,7 +221,9 @@ fn what_is_no_new_frame_has_no_pose() {
     let mut ask = |image: &GrayImage, millis: u64| {
         let capture_time = Duration::from_millis(millis);
         let frame = Frame { image, capture_time, telemetry: Telemetry::default() };
-        tracker.track(&frame, &STAGE.index, &|| 0.0)
+        let answer = tracker.track(&frame, &STAGE.index, &|| 0.0);
+        tracker.catch_up(&STAGE.index, false);
+        answer
     };
     for (k, shot) in STAGE.flight[..4].iter().enumerate() {
         ask(&shot.image, 100 * k as u64);
@@ -235,5 +243,39 @@ fn what_is_no_new_frame_has_no_pose() {
         let answer = ask(&STAGE.flight[5].image, 100 * k);
         assert!(answer.pose.is_none());
         assert_eq!(answer.state == TrackState::Lost, k >= 15, "{k}");
+    }
+}
+
+/// Turning on the spot by 45 degrees a second, also while others wait: once followed, no frame has
+/// to look for features before its answer.
+#[test]
+fn a_turn_is_followed() {
+    let renderer = Renderer::new(&STAGE.camera);
+    let hall = hall(5);
+    let place = Point3::new(0.0, 0.9, 1.55);
+    let shots: Vec<Shot> = (0..18)
+        .map(|k| {
+            let yaw = -0.5 + 0.0785 * f64::from((k - 4).max(0));
+            photo(&renderer, &hall, &cam_from_heading(&place, yaw, 0.0, 0.0), 2000 + k as u64)
+        })
+        .collect();
+    for is_hurried in [false, true] {
+        let mut tracker = Tracker::new(&STAGE.camera, &TrackerOptions::default());
+        let seconds = Cell::new(0.0);
+        let clock = || {
+            seconds.set(seconds.get() + 1.0);
+            seconds.get()
+        };
+        let mut answers = Vec::new();
+        for (k, shot) in shots.iter().enumerate() {
+            let capture_time = STEP * (k as u32 + 7);
+            let telemetry = Telemetry::default();
+            let frame = Frame { image: &shot.image, capture_time, telemetry };
+            answers.push(tracker.track(&frame, &STAGE.index, &clock));
+            tracker.catch_up(&STAGE.index, is_hurried);
+        }
+        assert_true(&shots, &answers);
+        let is_quick = |a: &TrackAnswer| a.pose.is_some() && a.timings.features_ms == 0.0;
+        assert!(answers[3..].iter().all(is_quick), "{answers:?}");
     }
 }
