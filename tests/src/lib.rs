@@ -9,6 +9,6 @@ pub mod source;
 pub mod trials;
 
 pub use evaluation::{Alignment, Evaluation, Poses, evaluate};
-pub use halls::MappedHall;
+pub use halls::{MappedHall, map_photos};
 pub use repository::repository_root;
 pub use shared::{SharedSet, shared_data};

@@ -32,7 +32,8 @@ pub enum Knowledge {
 }
 
 impl Knowledge {
-    fn camera(self, truth: &Camera) -> SfmCamera {
+    /// The camera as the mapper is told of it.
+    pub(crate) fn camera(self, truth: &Camera) -> SfmCamera {
         let (Self::Fixed(focal) | Self::Guess(focal)) = self;
         let focal_is_guess = matches!(self, Self::Guess(_));
         let mut camera = *truth;

@@ -30,6 +30,7 @@ use witnesses::Witnesses;
 
 /// Code of a map of next to nothing.
 pub(crate) const FEW_POINTS: &str = "few_points";
+pub(crate) const WEAK_SUPPORT: &str = "weak_support";
 /// Part of the matches in contradicting pairs that makes a map suspect.
 const MAX_CONTRADICTION: f64 = 0.1;
 /// The same over the pairs across one place of the sequence, where two parts may be joined wrongly.
@@ -107,7 +108,7 @@ impl Evidence {
             ("few_images", self.few_images(model)),
             ("weakly_tied", self.weak_tie()),
             ("drift", self.too_much_drift()),
-            ("weak_support", weak_support(model)),
+            (WEAK_SUPPORT, weak_support(model)),
             ("high_reprojection_error", high_error(model)),
         ]
         .into_iter()

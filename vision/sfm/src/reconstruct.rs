@@ -11,7 +11,7 @@ use crate::global::map_globally;
 use crate::incremental::{Input, extend_model, map_incrementally, triangulate_at_given_poses};
 use crate::input::{MapperOptions, SfmCamera, SfmImage};
 use crate::quality::calibration::{calibration_shift, focal_sigma};
-use crate::quality::{Evidence, FEW_POINTS, no_map};
+use crate::quality::{Evidence, FEW_POINTS, WEAK_SUPPORT, no_map};
 use crate::self_calibration::start_cameras;
 
 /// What came of the pairs. Models are in arbitrary frames (no scale, no gravity).
@@ -92,7 +92,8 @@ pub fn reconstruct(
     } else {
         better_attempt(input, progress)?
     };
-    if kept.has_few_points() && mostly_turned(pairs) {
+    let has_turned = mostly_turned(pairs) || is_yaw_scan(images.len(), pairs);
+    if kept.is_thin() && has_turned {
         // What can be made of a camera that only turned is noise and no map.
         kept.models.clear();
     }
@@ -176,8 +177,10 @@ impl Attempt {
         self.models.first().map_or(0, |model| model.images.len())
     }
 
-    fn has_few_points(&self) -> bool {
-        self.quality.reasons.iter().any(|reason| reason.code == FEW_POINTS)
+    /// Whether it, or most of its images, have few points.
+    fn is_thin(&self) -> bool {
+        let is_thin = |code: &str| matches!(code, FEW_POINTS | WEAK_SUPPORT);
+        self.quality.reasons.iter().any(|reason| is_thin(&reason.code))
     }
 
     /// Images, less what the pairs hold against them.

@@ -12,7 +12,6 @@ use crate::tiles::{Hit, MISS, Region, View, candidates, nearest};
 const TILE: usize = 16;
 /// Samples per edge of a pixel that shows more than one surface.
 const EDGE_SAMPLES: usize = 4;
-const NUM_SAMPLES: usize = EDGE_SAMPLES * EDGE_SAMPLES;
 /// Part of a pixel whose mean is taken; a little less than all keeps detail.
 const PIXEL_APERTURE: f64 = 0.8;
 
@@ -155,15 +154,6 @@ impl Renderer {
     }
 }
 
-/// What a pixel shows of one surface.
-#[derive(Debug, Clone, Copy, Default)]
-struct Part {
-    view: u32,
-    num_samples: u32,
-    /// Sum of the samples' places in the pixel.
-    places: [f64; 2],
-}
-
 /// Color and depth of a pixel from its four corner rays and what they hit.
 fn render_pixel(
     hall: &Hall,
@@ -182,9 +172,8 @@ fn render_pixel(
         let depth = 1.0 / nearest(views, &[corners[0].view], x, y).inverse_depth;
         return (shade(hall, view, rays, 0.5, 0.5, PIXEL_APERTURE), depth as f32);
     }
-    let mut parts = [Part::default(); NUM_SAMPLES];
-    let mut num_parts = 0;
-    for k in 0..NUM_SAMPLES {
+    let mut sum = [0.0; 3];
+    for k in 0..EDGE_SAMPLES * EDGE_SAMPLES {
         let place = |k: usize| {
             let s = (k as f64 + 0.5) / EDGE_SAMPLES as f64;
             0.5 + PIXEL_APERTURE * (s - 0.5)
@@ -192,26 +181,10 @@ fn render_pixel(
         let (fx, fy) = (place(k % EDGE_SAMPLES), place(k / EDGE_SAMPLES));
         let [x, y] = blend(rays, fx, fy);
         let hit = nearest(views, shown, x, y);
-        if hit.view == MISS.view {
-            continue;
+        if let Some(view) = views.get(hit.view as usize) {
+            let color = shade(hall, view, rays, fx, fy, PIXEL_APERTURE / EDGE_SAMPLES as f64);
+            (0..3).for_each(|c| sum[c] += color[c] / (EDGE_SAMPLES * EDGE_SAMPLES) as f32);
         }
-        let known = parts[..num_parts].iter().position(|part| part.view == hit.view);
-        let part = &mut parts[known.unwrap_or(num_parts)];
-        num_parts += usize::from(known.is_none());
-        *part = Part {
-            view: hit.view,
-            num_samples: part.num_samples + 1,
-            places: [part.places[0] + fx, part.places[1] + fy],
-        };
-    }
-    let mut sum = [0.0; 3];
-    for part in &parts[..num_parts] {
-        // Each surface once, in the middle of what the pixel shows of it.
-        let [fx, fy] = part.places.map(|sum| sum / f64::from(part.num_samples));
-        let share = f64::from(part.num_samples) / NUM_SAMPLES as f64;
-        let view = &views[part.view as usize];
-        let color = shade(hall, view, rays, fx, fy, PIXEL_APERTURE * share.sqrt());
-        (0..3).for_each(|c| sum[c] += share as f32 * color[c]);
     }
     let center = nearest(views, shown, x, y);
     let depth = if center.view == MISS.view { 0.0 } else { 1.0 / center.inverse_depth };
