@@ -34,7 +34,7 @@ fn main() -> ExitCode {
         Command::Reconstruct(args) => reconstruct::run(&args, json),
         Command::Options => options::run(json),
         Command::Localize(args) => localize::run(&args, json),
-        Command::Serve(args) => serve::run(&args),
+        Command::Serve(args) => serve::run(&args, json),
         Command::Upload(args) => upload::run(&args, json),
         Command::Jobs { server, command } => remote::jobs(&server, command.as_ref(), json),
         Command::Maps { server, command } => remote::maps(&server, command.as_ref(), json),
@@ -42,7 +42,7 @@ fn main() -> ExitCode {
             remote::export(&server, map, &name, version, out.as_deref(), json)
         }
         Command::Simulate(args) => simulate::run(&args),
-        Command::Replay(args) => replay::run(&args),
+        Command::Replay(args) => replay::run(&args, json),
         Command::Doctor(args) => doctor::run(&args, json),
         Command::Demo(args) => demo::run(&args, json),
         Command::ComparePositioning(args) => compare::run(&args, json),

@@ -13,13 +13,13 @@ use volery_pipeline::{PipelineError, error::code};
 use crate::{
     args::ReplayArgs,
     input,
-    output::{Ending, Outcome},
+    output::{Ending, Outcome, print_json},
 };
 
 /// The greatest system id that drones have; those above are ground stations.
 const MAX_DRONE: u8 = 254;
 
-pub(crate) fn run(args: &ReplayArgs) -> Outcome {
+pub(crate) fn run(args: &ReplayArgs, json: bool) -> Outcome {
     let log = input::read(&args.file)?;
     let records: Vec<Record<'_>> = read_records(&log).collect();
     if records.is_empty() {
@@ -29,6 +29,9 @@ pub(crate) fn run(args: &ReplayArgs) -> Outcome {
     let sent = play(&records, args.mavlink, args.speed);
     let num_sent = sent.map_err(|error| PipelineError::plain(code::IO, error.to_string()))?;
     eprintln!("{num_sent} messages sent to {}", args.mavlink);
+    if json {
+        print_json(&serde_json::json!({ "num_sent": num_sent, "mavlink": args.mavlink }));
+    }
     Ok(Ending::Done)
 }
 

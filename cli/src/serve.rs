@@ -1,15 +1,28 @@
 //! `volery serve`.
 
+use std::io::{self, Write};
+use std::net::SocketAddr;
+
 use tracing_subscriber::{EnvFilter, fmt};
 use volery_pipeline::PipelineError;
-use volery_server::{Config, MavlinkSettings, serve};
+use volery_server::{Config, MavlinkSettings, start};
 
 use crate::{
     args::ServeArgs,
     output::{Ending, Outcome},
 };
 
-pub(crate) fn run(args: &ServeArgs) -> Outcome {
+/// What whoever started it is told when it listens.
+#[derive(serde::Serialize)]
+struct Listening {
+    url: String,
+    /// Where drones are heard, by UDP.
+    mavlink: Option<SocketAddr>,
+    /// The secret of the first admin token; only at the first start over a data folder.
+    admin_token: Option<String>,
+}
+
+pub(crate) fn run(args: &ServeArgs, json: bool) -> Outcome {
     let filter = EnvFilter::try_from_env("VOLERY_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
     fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
     let config = Config {
@@ -19,10 +32,43 @@ pub(crate) fn run(args: &ServeArgs) -> Outcome {
         camera_hosts: args.camera_host.clone(),
         ..Config::new(&args.data, own_program()?)
     };
-    runtime()?
-        .block_on(serve(config, signalled()))
-        .map_err(|e| PipelineError::plain("serve", e.to_string()))?;
-    Ok(Ending::Done)
+    runtime()?.block_on(async {
+        let server =
+            start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
+        let listening = Listening {
+            url: server.url(),
+            mavlink: server.mavlink_addr(),
+            admin_token: server.admin_token.clone(),
+        };
+        if let Err(error) = listening.tell(json) {
+            // Whoever started it may have stopped to listen.
+            eprintln!("warning: cannot print where the service listens: {error}");
+        }
+        signalled().await;
+        server.stop().await;
+        Ok(Ending::Done)
+    })
+}
+
+impl Listening {
+    /// One line of JSON, or text, on standard output.
+    fn tell(&self, json: bool) -> io::Result<()> {
+        let mut out = io::stdout().lock();
+        if json {
+            serde_json::to_writer(&mut out, self)?;
+            writeln!(out)?;
+            return out.flush();
+        }
+        writeln!(out, "volery listens on {}", self.url)?;
+        if let Some(address) = self.mavlink {
+            writeln!(out, "drones are heard on udp:{address}")?;
+        }
+        if let Some(token) = &self.admin_token {
+            writeln!(out, "admin token (shown this once): {token}")?;
+            writeln!(out, "the page: {}/#token={token}", self.url)?;
+        }
+        out.flush()
+    }
 }
 
 /// The drones' link, if there is to be one.

@@ -34,5 +34,5 @@ mod ws;
 
 pub use app::{openapi, openapi_yaml};
 pub use config::{Config, JobSettings, MavlinkSettings, WorkerLimits};
-pub use run::{RunningServer, ServeError, serve, start};
+pub use run::{RunningServer, ServeError, start};
 pub use sources::{BadCameraHost, CameraHost};

@@ -2,7 +2,6 @@
 
 use std::{
     fs::{File, TryLockError},
-    io::Write,
     net::SocketAddr,
     sync::Arc,
     time::Duration,
@@ -141,32 +140,6 @@ async fn open(config: Config) -> Result<RunningServer, ServeError> {
     ];
     tracing::info!(%addr, "listening on {addr}");
     Ok(RunningServer { addr, admin_token, app, tasks, lock })
-}
-
-/// Serves until `shutdown` is ready. Prints the address, and at the first start the first admin
-/// token, to standard output.
-pub async fn serve(config: Config, shutdown: impl Future<Output = ()>) -> Result<(), ServeError> {
-    let server = start(config).await?;
-    if let Err(error) = announce(&server) {
-        // Whoever started it may have stopped to listen.
-        tracing::warn!("cannot print where the service listens: {error}");
-    }
-    shutdown.await;
-    server.stop().await;
-    Ok(())
-}
-
-fn announce(server: &RunningServer) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "volery listens on {}", server.url())?;
-    if let Some(address) = server.mavlink_addr() {
-        writeln!(out, "drones are heard on udp:{address}")?;
-    }
-    if let Some(token) = &server.admin_token {
-        writeln!(out, "admin token (shown this once): {token}")?;
-        writeln!(out, "the page: {}/#token={token}", server.url())?;
-    }
-    out.flush()
 }
 
 /// Frees the space of what was deleted, once an hour.

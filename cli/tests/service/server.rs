@@ -9,6 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use serde_json::Value;
 use uuid::Uuid;
 use volery_api::{CreateJob, Job, JobState, StageGroup};
 use volery_client::{Client, UploadFile};
@@ -33,22 +34,21 @@ pub(crate) struct Server {
 impl Server {
     pub(crate) fn start(data: &Path) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_volery"))
-            .args(["serve", "--data", utf8(data), "--listen", "127.0.0.1:0"])
+            .args(["serve", "--json", "--data", utf8(data), "--listen", "127.0.0.1:0"])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-        let first = lines.next().expect("the server says where it listens");
-        let url = first.rsplit(' ').next().unwrap().to_owned();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let said: Value = serde_json::from_str(&line).expect("the server says where it listens");
+        let url = said["url"].as_str().unwrap().to_owned();
         // The token comes at the first start over a data folder only.
         let kept = data.join("token");
-        let token = fs::read_to_string(&kept).unwrap_or_else(|_| {
-            let line = lines.next().expect("the first start prints a token");
-            let token = line.rsplit(' ').next().unwrap().to_owned();
-            fs::write(&kept, &token).unwrap();
-            token
-        });
+        if let Some(token) = said["admin_token"].as_str() {
+            fs::write(&kept, token).unwrap();
+        }
+        let token = fs::read_to_string(&kept).unwrap();
         Self { child, url, token }
     }
 
