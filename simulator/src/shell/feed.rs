@@ -1,7 +1,6 @@
 //! Cameras that look while the drones fly.
 
 use std::net::SocketAddr;
-use std::num::NonZero;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -60,8 +59,10 @@ pub(super) type Pictures = watch::Receiver<Option<Picture>>;
 pub(super) struct Cameras {
     eye: Arc<Eye>,
     interval: Duration,
-    /// Draws as many pictures at the same time as it has threads.
+    /// Draws the pictures.
     studio: ThreadPool,
+    /// Pictures that may be drawn at the same time.
+    max_drawn: usize,
     views: Vec<View>,
     addresses: Vec<(u8, SocketAddr)>,
     tasks: Vec<JoinHandle<()>>,
@@ -120,7 +121,9 @@ impl Cameras {
         }
         let eye = Arc::new(feed.eye);
         let studio = studio().map_err(SimulationError::Threads)?;
-        Ok(Self { eye, interval: feed.interval, studio, views, addresses, tasks, lines })
+        let max_drawn = studio.current_num_threads().div_ceil(2);
+        let interval = feed.interval;
+        Ok(Self { eye, interval, studio, max_drawn, views, addresses, tasks, lines })
     }
 
     /// Where pictures are served.
@@ -142,7 +145,7 @@ impl Cameras {
     pub(super) fn look(&mut self, world: &World, now: Duration) {
         let is_busy = |view: &View| view.is_drawn.load(Ordering::Acquire);
         let num_busy = self.views.iter().filter(|view| is_busy(view)).count();
-        let room = self.studio.current_num_threads().saturating_sub(num_busy);
+        let room = self.max_drawn.saturating_sub(num_busy);
         let mut due: Vec<_> = self
             .views
             .iter_mut()
@@ -177,15 +180,13 @@ impl Drop for Cameras {
     }
 }
 
-/// Half of the machine, and that only while nobody else wants it: real cameras do not take the time
-/// of those who look at the pictures.
+/// All of the machine, but less urgent than everything else: real cameras do not take the time of
+/// those who look at the pictures.
 fn studio() -> Result<ThreadPool, ThreadPoolBuildError> {
-    let num_cores = std::thread::available_parallelism().map_or(1, NonZero::get);
     ThreadPoolBuilder::new()
-        .num_threads(num_cores.div_ceil(2))
         .thread_name(|_| "camera".to_owned())
         .start_handler(|_| {
-            // Where it may not be less urgent, it is as urgent as everything else.
+            // Where it may not be less urgent, it is as urgent.
             let _ = setpriority_process(None, NICENESS);
         })
         .build()
