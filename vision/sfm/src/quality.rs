@@ -30,6 +30,7 @@ use witnesses::Witnesses;
 
 /// Code of a map of next to nothing.
 pub(crate) const FEW_POINTS: &str = "few_points";
+/// Code of a map that many of its images hardly hang in.
 pub(crate) const WEAK_SUPPORT: &str = "weak_support";
 /// Part of the matches in contradicting pairs that makes a map suspect.
 const MAX_CONTRADICTION: f64 = 0.1;
