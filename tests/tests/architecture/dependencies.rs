@@ -11,21 +11,30 @@ use crate::text;
 /// from the lines above it: nothing flows back.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("volery-geometry", &["nalgebra", "serde", "thiserror"]),
+    ("volery-cholesky", &["faer"]),
     ("volery-scene", &["volery-geometry", "nalgebra", "serde", "thiserror"]),
     ("volery-features", &["volery-geometry", "volery-scene", "nalgebra", "rayon", "thiserror"]),
     (
         "volery-estimation",
-        &["volery-geometry", "volery-scene", "nalgebra", "faer", "rayon", "arrayvec", "thiserror"],
+        &[
+            "volery-geometry",
+            "volery-cholesky",
+            "volery-scene",
+            "nalgebra",
+            "rayon",
+            "arrayvec",
+            "thiserror",
+        ],
     ),
     (
         "volery-sfm",
         &[
             "volery-geometry",
+            "volery-cholesky",
             "volery-scene",
             "volery-features",
             "volery-estimation",
             "nalgebra",
-            "faer",
             "rayon",
             "thiserror",
         ],
@@ -44,12 +53,12 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "volery-localization",
         &[
             "volery-geometry",
+            "volery-cholesky",
             "volery-scene",
             "volery-features",
             "volery-estimation",
             "volery-rendering",
             "nalgebra",
-            "faer",
             "thiserror",
         ],
     ),

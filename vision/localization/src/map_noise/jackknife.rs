@@ -1,11 +1,12 @@
 //! The covariance of the poses by what each part of the room, left out, moves them.
 
 use nalgebra::{DMatrix, DVector, Vector6};
+use volery_cholesky::inverse;
 use volery_geometry::median;
 use volery_scene::SparseModel;
 
 use super::gauge::Gauge;
-use super::reduced::{ReducedSystem, inverse};
+use super::reduced::ReducedSystem;
 use super::{Loss, PoseNoise, Track};
 
 /// The parts are halved so often, each with about as many points.
@@ -51,7 +52,9 @@ fn modes(model: &SparseModel, tracks: &[Track]) -> Option<Vec<DVector<f64>>> {
     let all: Vec<&Track> = tracks.iter().collect();
     let (loss, covariance) = Loss::shapes(tracks).find_map(|loss| {
         let whole = ReducedSystem::of(&all, &loss);
-        Some((loss, inverse(held(whole.hessian, &gauge)?)?))
+        let information = held(whole.hessian, &gauge)?;
+        let n = information.nrows();
+        Some((loss, DMatrix::from_vec(n, n, inverse(n, information.data.into())?)))
     })?;
     let mode = |part: Vec<&Track>| {
         let system = ReducedSystem::of(&part, &loss);

@@ -1,8 +1,5 @@
 //! The reduced system of a bundle adjustment over some poses, dense.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt;
-use faer::{MatMut, Par};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Vector6};
 
 use super::{Loss, Track};
@@ -70,28 +67,4 @@ impl ReducedSystem {
         let mut target = self.hessian.fixed_view_mut::<6, 6>(row, column);
         target += block;
     }
-}
-
-/// The inverse of a positive definite matrix; `None` if it is not one. One thread: kernels that
-/// split over threads may add in another order.
-pub(super) fn inverse(mut matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let n = matrix.nrows();
-    let request = llt::factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default())
-        .or(llt::inverse::inverse_scratch::<f64>(n, Par::Seq));
-    let mut memory = MemBuffer::try_new(request).ok()?;
-    let stack = MemStack::new(&mut memory);
-    let mut factor = MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n);
-    llt::factor::cholesky_in_place(
-        factor.as_mut(),
-        Default::default(),
-        Par::Seq,
-        stack,
-        Default::default(),
-    )
-    .ok()?;
-    let mut result = DMatrix::zeros(n, n);
-    let out = MatMut::from_column_major_slice_mut(result.as_mut_slice(), n, n);
-    llt::inverse::inverse(out, factor.as_ref(), Par::Seq, stack);
-    result.fill_upper_triangle_with_lower_triangle();
-    Some(result)
 }

@@ -2,10 +2,8 @@
 
 use std::ops::Range;
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt;
-use faer::{Conj, MatMut, Par};
 use nalgebra::{Matrix3, Point3, Unit, Vector3};
+use volery_cholesky::DenseCholesky;
 
 /// Residual beyond which the Huber loss turns linear; a ray's length is 1.
 const HUBER_SCALE: f64 = 0.1;
@@ -211,7 +209,7 @@ impl<'a> Solver<'a> {
         for i in 0..n {
             s[i * n + i] += damping * s[i * n + i].max(1e-12) + 1e-12;
         }
-        if !solve_dense(&mut s, &mut right, n) {
+        if !DenseCholesky::new(n)?.solve_in_place(&mut s, &mut right) {
             return None;
         }
 
@@ -251,25 +249,4 @@ fn add_block(s: &mut [f64], n: usize, row: usize, column: usize, block: &Matrix3
             s[(3 * column + c) * n + 3 * row + r] += block[(r, c)];
         }
     }
-}
-
-/// Solves `S x = right` in place from the lower triangle of S.
-fn solve_dense(s: &mut [f64], right: &mut [f64], n: usize) -> bool {
-    let request = llt::factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
-    let Ok(mut memory) = MemBuffer::try_new(request) else { return false };
-    let stack = MemStack::new(&mut memory);
-    let mut s = MatMut::from_column_major_slice_mut(s, n, n);
-    let factored = llt::factor::cholesky_in_place(
-        s.as_mut(),
-        Default::default(),
-        Par::Seq,
-        stack,
-        Default::default(),
-    );
-    if factored.is_err() {
-        return false;
-    }
-    let right = MatMut::from_column_major_slice_mut(right, n, 1);
-    llt::solve::solve_in_place_with_conj(s.as_ref(), Conj::No, right, Par::Seq, stack);
-    true
 }

@@ -2,11 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::linalg::cholesky::{LltRef, SymmetricOrdering, factorize_symbolic_cholesky};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, MatMut, Par, Side};
 use nalgebra::{DMatrix, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3};
+use volery_cholesky::SparseCholesky;
 use volery_geometry::median;
 use volery_scene::{ImageId, Observation, Point3d, SparseModel};
 
@@ -165,46 +162,17 @@ impl ReducedMatrix {
         *self.blocks.entry((column, row)).or_default() += block;
     }
 
-    /// Solves for all columns of `rhs`; `false` if S is not positive definite or too large. One
-    /// thread factors: kernels that split over threads may add in another order.
-    fn solve_in_place(self, rhs: &mut [f64]) -> bool {
-        self.try_solve(rhs).is_some()
-    }
-
-    fn try_solve(mut self, rhs: &mut [f64]) -> Option<()> {
+    /// Solves for all columns of `right`; `false` if S is not positive definite or too large.
+    fn solve_in_place(mut self, right: &mut [f64]) -> bool {
         for i in 0..self.num_images {
-            let diagonal = self.blocks.get_mut(&(i, i))?;
             for k in 0..POSE_DIM {
-                diagonal[(k, k)] *= 1.0 + DAMPING;
+                self.blocks.get_mut(&(i, i)).unwrap()[(k, k)] *= 1.0 + DAMPING;
             }
         }
-        let n = POSE_DIM * self.num_images;
         let (starts, rows, values) = self.scalar_columns();
-        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
-        let ordering = SymmetricOrdering::Amd;
-        let symbolic =
-            factorize_symbolic_cholesky(pattern, Side::Lower, ordering, Default::default()).ok()?;
-        let num_columns = rhs.len() / n.max(1);
-        let request = symbolic
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
-            .or(symbolic.solve_in_place_scratch::<f64>(num_columns, Par::Seq));
-        let mut memory = MemBuffer::try_new(request).ok()?;
-        let stack = MemStack::new(&mut memory);
-        let mut factor = vec![0.0; symbolic.len_val()];
-        symbolic
-            .factorize_numeric_llt(
-                &mut factor,
-                SparseColMatRef::new(pattern, &values),
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                stack,
-                Default::default(),
-            )
-            .ok()?;
-        let rhs = MatMut::from_column_major_slice_mut(rhs, n, num_columns);
-        LltRef::new(&symbolic, &factor).solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
-        Some(())
+        let num_columns = right.len() / (POSE_DIM * self.num_images).max(1);
+        SparseCholesky::new(starts, rows, num_columns)
+            .is_some_and(|mut cholesky| cholesky.solve_in_place(&values, right))
     }
 
     /// Column starts, row indices and values of the lower triangle, scalar by scalar.
