@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, sync::LazyLock};
 
 use support::Folder;
 use volery_formats::read_ply_of_cloud;
@@ -67,6 +67,17 @@ fn fly(folder: &Path, hall_seed: u64, flight: usize) -> MapSource {
     MapSource { name, folder: out, photos }
 }
 
+/// The first flight through the hall, mapped once for all tests.
+fn first_flight() -> MapSource {
+    static MAP: LazyLock<MapSource> = LazyLock::new(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pipeline-first-flight");
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        fly(&folder, 5, 0)
+    });
+    MAP.clone()
+}
+
 /// Of the sparse maps.
 fn join(sources: &[MapSource], out: &Path) -> Result<RegisterReport, PipelineError> {
     let spec = JobSpec { stages: vec![StageGroup::Sfm], seed: 1, ..JobSpec::new(Vec::new()) };
@@ -78,7 +89,7 @@ fn join(sources: &[MapSource], out: &Path) -> Result<RegisterReport, PipelineErr
 #[test]
 fn two_flights_become_one_map() {
     let folder = Folder::new("join");
-    let sources = [fly(&folder.0, 5, 0), fly(&folder.0, 5, 1)];
+    let sources = [first_flight(), fly(&folder.0, 5, 1)];
     let out = folder.0.join("joined");
     let report = join(&sources, &out).unwrap();
     assert_eq!(report.lack(), None);
@@ -126,7 +137,7 @@ fn two_flights_become_one_map() {
 #[test]
 fn flights_through_two_halls_are_refused() {
     let folder = Folder::new("refuse");
-    let sources = [fly(&folder.0, 5, 0), fly(&folder.0, 6, 1)];
+    let sources = [first_flight(), fly(&folder.0, 6, 1)];
     let out = folder.0.join("joined");
     let error = join(&sources, &out).unwrap_err();
     assert_eq!(error.code, "no_overlap", "{error}");
@@ -161,7 +172,7 @@ fn largest_error(folder: &Path, flight_of: impl Fn(&str) -> (usize, usize)) -> f
 #[test]
 fn two_photos_join_a_map_and_known_ones_are_left_alone() {
     let folder = Folder::new("extend");
-    let map = fly(&folder.0, 5, 0);
+    let map = first_flight();
     let known = photos(&folder.0, 5, 0, [3, 4].into_iter());
     let fresh = photos(&folder.0, 5, 1, [12, 14].into_iter());
     let foreign = photos(&folder.0, 6, 1, [13].into_iter());
@@ -207,7 +218,7 @@ fn two_photos_join_a_map_and_known_ones_are_left_alone() {
 #[test]
 fn a_flight_extends_a_map() {
     let folder = Folder::new("fly-on");
-    let map = fly(&folder.0, 5, 0);
+    let map = first_flight();
     let spec = photos(&folder.0, 5, 1, FLIGHTS[1].clone());
     let out = folder.0.join("out");
     let (work, new) = (folder.0.join("work"), folder.0.join("new"));

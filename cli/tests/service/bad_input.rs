@@ -7,7 +7,7 @@ use std::io::{Read, Write};
 use reqwest::{Method, multipart};
 use serde_json::{Value, json};
 use uuid::Uuid;
-use volery_api::{Camera as ApiCamera, CreateJob, JobState};
+use volery_api::{Camera as ApiCamera, CreateJob, JobState, Preset};
 use volery_client::Client;
 use volery_geometry::{Camera, CameraModel, Isometry3, Point3, Vector3};
 use volery_synthetic::{CenterMotion, Hall, Renderer, Sensor, yaw_scan};
@@ -111,7 +111,7 @@ impl Service {
 
     async fn job(&self, sets: Vec<(Vec<Vec<u8>>, Option<ApiCamera>)>) -> String {
         let client = &self.client;
-        let mut request = CreateJob::default();
+        let mut request = CreateJob { preset: Preset::Fast, ..CreateJob::default() };
         for (photos, camera) in sets {
             let camera = match camera {
                 Some(camera) => Some(client.create_camera("test", camera).await.unwrap().id),

@@ -9,6 +9,3 @@ mod sparse;
 
 pub use dense::{DenseCholesky, inverse};
 pub use sparse::SparseCholesky;
-
-#[cfg(test)]
-mod tests;

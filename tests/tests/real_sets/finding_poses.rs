@@ -1,17 +1,16 @@
 //! Photos find their pose in a map of their room, and in no map of another (P60, P61).
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use nalgebra::{Point3, Similarity3};
 use rayon::prelude::*;
 use volery_formats::{DecodeLimits, decode_image};
 use volery_geometry::similarity_from_points;
 use volery_localization::{LocalizationPrior, LocalizeOptions, PoseEstimate, Status};
-use volery_pipeline::map_folder::{self, MapFolder};
-use volery_pipeline::{CameraSpec, ImageInput, JobSpec, StageGroup, reconstruct};
-use volery_scene::{NoProgress, Verdict};
-use volery_tests::{SharedSet, evaluation::Poses, shared::read_poses};
+use volery_pipeline::MapFolder;
+use volery_tests::{SharedSet, evaluation::Poses};
+
+use crate::{DESK, FOUNTAIN, MappedSet};
 
 /// Folders of photos; those of the same room as a map are left out by their prefix.
 const ALL_SETS: [&str; 9] = [
@@ -25,23 +24,6 @@ const ALL_SETS: [&str; 9] = [
     "fountain_p11",
     "sceaux_castle",
 ];
-
-fn map_of(set: &SharedSet, name: &str) -> (MapFolder, Poses) {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = std::fs::remove_dir_all(&folder);
-    let images =
-        set.images.iter().map(|name| ImageInput::new(name, set.images_dir.join(name))).collect();
-    let spec = JobSpec {
-        camera: set.camera.as_ref().map(CameraSpec::from),
-        stages: vec![StageGroup::Sfm],
-        ..JobSpec::new(images)
-    };
-    let out = folder.join("map");
-    let summary = reconstruct(&spec, &folder.join("work"), &out, &NoProgress).unwrap();
-    assert_eq!(summary.quality.verdict, Verdict::Good, "{:?}", summary.quality);
-    let poses = read_poses(&out.join(map_folder::file::POSES)).unwrap();
-    (MapFolder::open(&out).unwrap(), poses)
-}
 
 /// The poses of the photos of `set` that the map answers with `ok`. A photo of a set without a
 /// calibration is asked with the map's own camera, as a user would who mixed up two folders.
@@ -77,11 +59,12 @@ fn assert_no_strangers(map: &MapFolder, room: &str, step: usize) {
 
 #[test]
 fn warehouse_queries_find_their_pose() {
-    let Some(scan) = SharedSet::open("warehouse_render/scan") else { return };
+    let Some(MappedSet { set, map, poses, .. }) = MappedSet::new("warehouse_render/scan") else {
+        return;
+    };
     let Some(queries) = SharedSet::open("warehouse_render/query") else { return };
-    let (map, poses) = map_of(&scan, "finding_warehouse");
     assert!(poses.len() >= 108, "{} of 110 photos placed", poses.len());
-    let truth_from_map = truth_from_map(&poses, &scan.truth);
+    let truth_from_map = truth_from_map(&poses, &set.truth);
     let kinds = kinds(&queries);
     let found = poses_in(&map, &queries);
 
@@ -129,9 +112,9 @@ fn assert_flight_is_followed(map: &MapFolder, truth_from_map: &Similarity3<f64>)
     assert!(median_m <= 0.02, "median {median_m} m");
 }
 
-/// Every photo with `VOLERY_LONG=1`, else every fourth.
+/// Every photo with `VOLERY_LONG=1`, else every sixth.
 fn step() -> usize {
-    if is_long() { 1 } else { 4 }
+    if is_long() { 1 } else { 6 }
 }
 
 fn is_long() -> bool {
@@ -140,15 +123,10 @@ fn is_long() -> bool {
 
 #[test]
 fn strangers_find_no_pose_in_any_room() {
-    let rooms: &[&str] = if is_long() {
-        &["fr2_desk", "fountain_p11", "sceaux_castle", "redkitchen"]
-    } else {
-        &["fr2_desk", "fountain_p11"]
-    };
-    for room in rooms {
-        let Some(set) = SharedSet::open(room) else { continue };
-        let (map, _) = map_of(&set, &format!("finding_{room}"));
-        assert_no_strangers(&map, room, step());
+    let others: &[&str] = if is_long() { &["sceaux_castle", "redkitchen"] } else { &[] };
+    let others: Vec<MappedSet> = others.iter().copied().filter_map(MappedSet::new).collect();
+    for room in DESK.iter().chain(FOUNTAIN.iter()).chain(&others) {
+        assert_no_strangers(&room.map, &room.set.name, step());
     }
 }
 

@@ -1,6 +1,6 @@
 //! Solutions by their residuals.
 
-use crate::{DenseCholesky, SparseCholesky, inverse};
+use volery_cholesky::{DenseCholesky, SparseCholesky, inverse};
 
 /// Larger than the blocks of a dense factorization.
 const N: usize = 150;
