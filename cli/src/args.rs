@@ -21,8 +21,10 @@ use values::{known_distance, position, speed, udp_address};
 /// Photos to metric maps, and photos to poses in them.
 #[derive(Debug, Parser)]
 #[command(name = "volery", version, propagate_version = true)]
-#[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but not wholly \
-    (a suspect map, photos left out, files that could not be read).")]
+#[command(
+    after_help = "Exit codes: 0 done, 1 failed or interrupted, 2 wrong usage, 3 done but not wholly \
+    (a suspect map, photos left out, files that could not be read)."
+)]
 pub(crate) struct Cli {
     /// One JSON document on standard output instead of text; progress stays on standard error.
     #[arg(long, global = true)]

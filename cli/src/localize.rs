@@ -6,7 +6,7 @@ use serde::Serialize;
 use volery_api::{ImageEncoding, Localization, LocalizeMethod, LocalizeStatus};
 use volery_formats::{NamedPose, write_poses_csv};
 use volery_geometry::{Isometry3, Point3, UnitQuaternion};
-use volery_localization::{LocalizationPrior, LocalizeOptions, Status};
+use volery_localization::{LocalizationPrior, LocalizeOptions};
 use volery_pipeline::{
     MapFolder, PipelineError,
     error::code,
@@ -18,20 +18,21 @@ use crate::{
     args::LocalizeArgs,
     input::{self, PhotoFile},
     output::{Ending, Outcome, print_json},
+    progress::Counter,
 };
 
 /// The answer to one photo.
 #[derive(Debug, Serialize)]
-pub(crate) struct Answer {
-    pub(crate) image: String,
+struct Answer {
+    image: String,
     #[serde(flatten)]
-    pub(crate) result: AnswerResult,
+    result: AnswerResult,
 }
 
 /// What came of a photo.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
-pub(crate) enum AnswerResult {
+enum AnswerResult {
     Localization(Box<Localization>),
     /// It could not even be asked about.
     Error {
@@ -55,51 +56,72 @@ pub(crate) fn run(args: &LocalizeArgs, json: bool) -> Outcome {
     };
     let telemetry = args.telemetry.as_deref().map(input::telemetry).transpose()?;
     let options = LocalizeOptions { seed: args.seed, ..LocalizeOptions::default() };
-    let (mut answers, mut poses) = (Vec::new(), Vec::new());
+    let mut answers = Answers::new(files.len(), json);
     for file in &files {
         let prior = telemetry.as_ref().and_then(|rows| rows.get(&file.name));
         let mut prior =
             prior.map_or_else(LocalizationPrior::default, |prior| map_prior(&map, prior));
         prior.position = args.near.map(|near| (Point3::from(near), args.near_sigma));
         let method = args.method.into();
-        let found = localize(file, &map, camera.as_ref(), &prior, &options, method);
-        let (result, pose) = match found {
-            Ok((answer, pose)) => (AnswerResult::Localization(Box::new(answer)), pose),
-            Err(error) => (AnswerResult::Error { error }, None),
-        };
-        if let Some(world_from_cam) = pose {
-            poses.push(NamedPose { image: file.name.clone(), world_from_cam });
-        }
-        let answer = Answer { image: file.name.clone(), result };
-        if !json {
-            print_text(&answer);
-        }
-        answers.push(answer);
+        answers.add(&file.name, localize(file, &map, camera.as_ref(), &prior, &options, method));
     }
-    finish(args, map.info().scale.metric, &answers, &poses, json)
+    answers.finish(args, map.info().scale.metric)
 }
 
-/// Writes the poses and the answers of a run.
-pub(crate) fn finish(
-    args: &LocalizeArgs,
-    metric: bool,
-    answers: &[Answer],
-    poses: &[NamedPose],
+/// The answers of a run, told one by one as they come, or counted where all are one document.
+pub(crate) struct Answers {
+    num_photos: usize,
     json: bool,
-) -> Outcome {
-    write(args.out.as_deref(), poses)?;
-    if json {
-        print_json(&serde_json::json!({
-            "metric": metric,
-            "num_images": answers.len(),
-            "num_ok": poses.len(),
-            "images": answers,
-        }));
-    } else {
-        println!("{} of {} photos localized", poses.len(), answers.len());
+    answers: Vec<Answer>,
+    poses: Vec<NamedPose>,
+    counter: Counter,
+}
+
+impl Answers {
+    pub(crate) fn new(num_photos: usize, json: bool) -> Self {
+        let (answers, poses) = (Vec::new(), Vec::new());
+        Self { num_photos, json, answers, poses, counter: Counter::default() }
     }
-    let any_error = answers.iter().any(|a| matches!(a.result, AnswerResult::Error { .. }));
-    Ok(if any_error { Ending::Partial } else { Ending::Done })
+
+    /// The next photo's.
+    pub(crate) fn add(&mut self, image: &str, found: Result<Localization, PipelineError>) {
+        let image = image.to_owned();
+        if let Some(world_from_cam) = found.as_ref().ok().and_then(pose_of) {
+            self.poses.push(NamedPose { image: image.clone(), world_from_cam });
+        }
+        let result = match found {
+            Ok(answer) => AnswerResult::Localization(Box::new(answer)),
+            Err(error) => AnswerResult::Error { error },
+        };
+        let answer = Answer { image, result };
+        if !self.json {
+            print_text(&answer);
+        }
+        self.answers.push(answer);
+        if self.json {
+            let (done, total) = (self.answers.len() as u64, self.num_photos as u64);
+            self.counter.show("localize", done, total, "photos");
+        }
+    }
+
+    /// Writes the poses and the answers.
+    pub(crate) fn finish(mut self, args: &LocalizeArgs, metric: bool) -> Outcome {
+        self.counter.end();
+        let Self { answers, poses, .. } = &self;
+        write(args.out.as_deref(), poses)?;
+        if self.json {
+            print_json(&serde_json::json!({
+                "metric": metric,
+                "num_images": answers.len(),
+                "num_ok": poses.len(),
+                "images": answers,
+            }));
+        } else {
+            println!("{} of {} photos localized", poses.len(), answers.len());
+        }
+        let any_error = answers.iter().any(|a| matches!(a.result, AnswerResult::Error { .. }));
+        Ok(if any_error { Ending::Partial } else { Ending::Done })
+    }
 }
 
 fn localize(
@@ -109,7 +131,7 @@ fn localize(
     prior: &LocalizationPrior,
     options: &LocalizeOptions,
     method: LocalizeMethod,
-) -> Result<(Localization, Option<Isometry3<f64>>), PipelineError> {
+) -> Result<Localization, PipelineError> {
     let start = Instant::now();
     let bytes = fs::read(&file.path).map_err(|e| PipelineError::io(&file.path, &e))?;
     let query = query_image(&bytes, ImageEncoding::Auto, None, camera, map)
@@ -119,11 +141,7 @@ fn localize(
     let mut reply = localization(&located);
     reply.timings.decode_ms = Some(decode_ms);
     reply.timings.total_ms = Some(start.elapsed().as_secs_f64() * 1e3);
-    let pose = match located.answer.status {
-        Status::Ok(estimate) => Some(estimate.map_from_camera),
-        _ => None,
-    };
-    Ok((reply, pose))
+    Ok(reply)
 }
 
 /// The yaw of the telemetry, in the map.
@@ -138,7 +156,7 @@ fn write(out: Option<&Path>, poses: &[NamedPose]) -> Result<(), PipelineError> {
     fs::write(out, write_poses_csv(poses)).map_err(|e| PipelineError::io(out, &e))
 }
 
-/// The pose of an answer over the wire.
+/// The pose of an answer.
 pub(crate) fn pose_of(answer: &Localization) -> Option<Isometry3<f64>> {
     let pose = answer.pose.as_ref().filter(|_| answer.status == LocalizeStatus::Ok)?;
     let [w, i, j, k] = pose.orientation;
@@ -146,7 +164,7 @@ pub(crate) fn pose_of(answer: &Localization) -> Option<Isometry3<f64>> {
     Some(Isometry3::from_parts(pose.position.into(), rotation))
 }
 
-pub(crate) fn print_text(answer: &Answer) {
+fn print_text(answer: &Answer) {
     match &answer.result {
         AnswerResult::Error { error } => println!("{}: error: {error}", answer.image),
         AnswerResult::Localization(found) => match (&found.pose, &found.reason) {

@@ -13,20 +13,97 @@ use indicatif::{ProgressBar, ProgressStyle};
 use volery_pipeline::StageProgress;
 use volery_scene::{Progress, Stage};
 
+/// How far work is that comes in stages.
+#[derive(Default)]
+pub(crate) struct Counter {
+    stage: Option<Counted>,
+}
+
+/// How far a stage is.
+struct Counted {
+    name: String,
+    unit: String,
+    done: u64,
+    started: Instant,
+    /// `None` off a terminal.
+    bar: Option<ProgressBar>,
+    /// Tenths of it that were written as plain lines.
+    tenths: Option<u64>,
+}
+
+impl Counter {
+    /// `done` of `total` of a stage; another name starts another stage. What is less than was told
+    /// before is not told: threads report out of order.
+    pub(crate) fn show(&mut self, name: &str, done: u64, total: u64, unit: &str) {
+        if self.stage.as_ref().is_none_or(|stage| stage.name != name) {
+            self.end();
+            self.stage = Some(Counted::new(name, unit, total));
+        } else if self.stage.as_ref().is_some_and(|stage| done <= stage.done) {
+            return;
+        }
+        if let Some(stage) = &mut self.stage {
+            stage.show(done, total);
+        }
+    }
+
+    /// Writes a line beside it.
+    pub(crate) fn say(&self, line: &str) {
+        match self.stage.as_ref().and_then(|stage| stage.bar.as_ref()) {
+            Some(bar) => bar.suspend(|| eprintln!("{line}")),
+            None => eprintln!("{line}"),
+        }
+    }
+
+    /// Ends the last stage.
+    pub(crate) fn end(&mut self) {
+        if let Some(Counted { bar: Some(bar), .. }) = self.stage.take() {
+            bar.finish();
+        }
+    }
+}
+
+impl Counted {
+    fn new(name: &str, unit: &str, total: u64) -> Self {
+        let bar = || {
+            let style = ProgressStyle::with_template(
+                "{prefix:10} {wide_bar} {pos}/{len} {msg} {elapsed} ETA {eta}",
+            );
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+            let bar = ProgressBar::new(total).with_prefix(name.to_owned());
+            bar.with_message(unit.to_owned()).with_style(style)
+        };
+        Self {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            done: 0,
+            started: Instant::now(),
+            bar: std::io::stderr().is_terminal().then(bar),
+            tenths: None,
+        }
+    }
+
+    /// Off a terminal a line at the start, and at each tenth.
+    fn show(&mut self, done: u64, total: u64) {
+        self.done = done;
+        let tenths = Some(done * 10 / total.max(1));
+        if let Some(bar) = &self.bar {
+            bar.set_length(total);
+            bar.set_position(done);
+        } else if tenths > self.tenths {
+            self.tenths = tenths;
+            let Self { name, unit, .. } = self;
+            let elapsed = self.started.elapsed().as_secs_f64();
+            let eta = elapsed / done.max(1) as f64 * total.saturating_sub(done) as f64;
+            let eta = if done == 0 || done == total { "" } else { &format!(", ETA {eta:.0} s") };
+            eprintln!("{name}: {done}/{total} {unit}, {elapsed:.1} s{eta}");
+        }
+    }
+}
+
 /// Shows stages as they run; SIGINT and SIGTERM ask the work to stop.
 pub(crate) struct Terminal {
     stop: Arc<AtomicBool>,
-    state: Mutex<State>,
-    is_terminal: bool,
-}
-
-struct State {
-    stage: Option<Stage>,
-    started: Instant,
-    bar: ProgressBar,
-    /// Tenths of the stage already written as plain lines.
-    tenths: usize,
-    done: usize,
+    counter: Mutex<Counter>,
 }
 
 impl Terminal {
@@ -38,75 +115,19 @@ impl Terminal {
             let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, stop.clone());
             let _ = signal_hook::flag::register(signal, stop.clone());
         }
-        let state = State {
-            stage: None,
-            started: Instant::now(),
-            bar: ProgressBar::hidden(),
-            tenths: 0,
-            done: 0,
-        };
-        Self { stop, state: Mutex::new(state), is_terminal: std::io::stderr().is_terminal() }
+        Self { stop, counter: Mutex::default() }
     }
 
     /// Ends the last stage.
     pub(crate) fn finish(&self) {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner).end_stage();
-    }
-}
-
-impl State {
-    fn start_stage(&mut self, stage: Stage, total: usize, is_terminal: bool) {
-        self.end_stage();
-        (self.stage, self.tenths, self.done) = (Some(stage), 0, 0);
-        self.started = Instant::now();
-        self.bar = if is_terminal {
-            let style = ProgressStyle::with_template(
-                "{prefix:10} {wide_bar} {pos}/{len} {msg} {elapsed} ETA {eta}",
-            );
-            let bar = ProgressBar::new(total as u64).with_prefix(stage.name());
-            bar.with_message(stage.unit())
-                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-        } else {
-            ProgressBar::hidden()
-        };
-    }
-
-    fn end_stage(&mut self) {
-        self.bar.finish();
-        self.stage = None;
-    }
-
-    fn plain_line(&mut self, stage: Stage, done: usize, total: usize) {
-        let tenths = done * 10 / total.max(1);
-        if done == 0 || tenths > self.tenths {
-            self.tenths = tenths;
-            let elapsed = self.started.elapsed().as_secs_f64();
-            let eta = elapsed / done.max(1) as f64 * total.saturating_sub(done) as f64;
-            let (name, unit) = (stage.name(), stage.unit());
-            if done == 0 || done == total {
-                eprintln!("{name}: {done}/{total} {unit}, {elapsed:.1} s");
-            } else {
-                eprintln!("{name}: {done}/{total} {unit}, {elapsed:.1} s, ETA {eta:.0} s");
-            }
-        }
+        self.counter.lock().unwrap_or_else(PoisonError::into_inner).end();
     }
 }
 
 impl Progress for Terminal {
     fn report(&self, stage: Stage, done: usize, total: usize) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_new = state.stage != Some(stage);
-        if is_new {
-            state.start_stage(stage, total, self.is_terminal);
-        } else if done <= state.done {
-            return; // Threads report out of order.
-        }
-        state.done = done;
-        state.bar.set_length(total as u64);
-        state.bar.set_position(done as u64);
-        if !self.is_terminal {
-            state.plain_line(stage, done, total);
-        }
+        let mut counter = self.counter.lock().unwrap_or_else(PoisonError::into_inner);
+        counter.show(stage.name(), done as u64, total as u64, stage.unit());
     }
 
     fn is_cancelled(&self) -> bool {

@@ -2,7 +2,6 @@
 
 use std::{fs, path::Path};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use uuid::Uuid;
 use volery_api::{
@@ -10,14 +9,14 @@ use volery_api::{
     RegisterMaps, YawPrior,
 };
 use volery_client::{Client, ClientError, LocalizeQuery};
-use volery_formats::NamedPose;
 use volery_pipeline::{NorthInMap, PipelineError};
 
 use crate::{
     args::{JobsCommand, LocalizeArgs, MapsCommand, ServerArgs},
     input,
-    localize::{self, Answer, AnswerResult},
+    localize::Answers,
     output::{Ending, Outcome, print_json},
+    progress::Counter,
     serve::runtime,
 };
 
@@ -217,7 +216,7 @@ pub(crate) fn localize(args: &LocalizeArgs, server: String, map: Uuid, json: boo
         };
         let north: Option<NorthInMap> = serde_json::from_value(info["north"].clone()).ok();
         let position = args.near.map(|position| PositionPrior { position, sigma: args.near_sigma });
-        let (mut answers, mut poses) = (Vec::new(), Vec::new());
+        let mut answers = Answers::new(files.len(), json);
         for file in &files {
             let image = input::read(&file.path)?;
             let camera = camera.clone();
@@ -232,62 +231,40 @@ pub(crate) fn localize(args: &LocalizeArgs, server: String, map: Uuid, json: boo
                 version: args.version,
                 method: Some(args.method.into()),
             };
-            let result = match client.localize(map, &query).await {
-                Ok(answer) => {
-                    if let Some(world_from_cam) = localize::pose_of(&answer.localization) {
-                        poses.push(NamedPose { image: file.name.clone(), world_from_cam });
-                    }
-                    AnswerResult::Localization(Box::new(answer.localization))
-                }
+            let found = match client.localize(map, &query).await {
+                Ok(answer) => Ok(answer.localization),
                 // The photo's own fault, or a moment without a worker: the others have answers.
                 Err(ClientError::Problem(problem)) if [413, 422, 503].contains(&problem.status) => {
-                    AnswerResult::Error { error: failed(ClientError::Problem(problem)) }
+                    Err(failed(ClientError::Problem(problem)))
                 }
                 Err(error) => return Err(failed(error)),
             };
-            let answer = Answer { image: file.name.clone(), result };
-            if !json {
-                localize::print_text(&answer);
-            }
-            answers.push(answer);
+            answers.add(&file.name, found);
         }
         let metric = info["scale"]["metric"] == serde_json::Value::Bool(true);
-        localize::finish(args, metric, &answers, &poses, json)
+        answers.finish(args, metric)
     })
 }
 
-/// Follows a job to its end with a bar.
+/// Follows a job to its end, and shows how far it is.
 pub(crate) async fn watch(client: &Client, id: Uuid) -> Result<Job, PipelineError> {
-    let bar = bar("job", 0, "");
-    let job = client.watch_job(id, |event| show_event(&bar, event)).await.map_err(failed)?;
-    bar.finish_and_clear();
+    let mut counter = Counter::default();
+    let job =
+        client.watch_job(id, |event| show_event(&mut counter, event)).await.map_err(failed)?;
+    counter.end();
     Ok(job)
 }
 
-fn show_event(bar: &ProgressBar, event: &JobEvent) {
-    let text = |name: &str| event.data[name].as_str().unwrap_or_default().to_owned();
+fn show_event(counter: &mut Counter, event: &JobEvent) {
+    let text = |name: &str| event.data[name].as_str().unwrap_or_default();
     let number = |name: &str| event.data[name].as_u64().unwrap_or(0);
     match event.kind.as_str() {
         "job.stage" | "job.progress" => {
-            bar.set_prefix(text("stage"));
-            bar.set_message(text("unit"));
-            bar.set_length(number("total"));
-            bar.set_position(number("done"));
-            if bar.is_hidden() && event.kind == "job.stage" {
-                eprintln!("{}: {} {}", text("stage"), number("total"), text("unit"));
-            }
+            counter.show(text("stage"), number("done"), number("total"), text("unit"));
         }
-        "job.log" => bar.suspend(|| eprintln!("{}: {}", text("level"), text("message"))),
+        "job.log" => counter.say(&format!("{}: {}", text("level"), text("message"))),
         _ => {}
     }
-}
-
-pub(crate) fn bar(prefix: &'static str, len: u64, unit: &'static str) -> ProgressBar {
-    let style = ProgressStyle::with_template(
-        "{prefix:10} {wide_bar} {pos}/{len} {msg} {elapsed} ETA {eta}",
-    );
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(len).with_prefix(prefix).with_message(unit).with_style(style)
 }
 
 pub(crate) fn job_line(job: &Job) -> String {

@@ -10,8 +10,12 @@ use crate::{
     args::UploadArgs,
     input,
     output::{Ending, Outcome, print_json},
-    remote::{bar, ending_of, failed, job_line, watch, with_server},
+    progress::Counter,
+    remote::{ending_of, failed, job_line, watch, with_server},
 };
+
+/// Of an archive, in bytes, as it is counted.
+const MEGABYTE: u64 = 1_000_000;
 
 /// What is known of the photos: what the flight knew, and the poses and cameras of a model.
 fn priors_of(
@@ -62,22 +66,25 @@ pub(crate) fn run(args: &UploadArgs, json: bool) -> Outcome {
                 client.create_imageset(&args.name, camera).await.map_err(failed)?.id
             }
         };
-        let photos_bar = bar("upload", files.len() as u64, "photos");
+        let mut counter = Counter::default();
         let mut results = client
-            .upload_files(imageset, &files, |done, _| photos_bar.set_position(done as u64))
+            .upload_files(imageset, &files, |done, _| {
+                counter.show("upload", done as u64, files.len() as u64, "photos");
+            })
             .await
             .map_err(failed)?;
-        photos_bar.finish_and_clear();
         for archive in &archives {
             let size = archive.metadata().map_err(|e| PipelineError::io(archive, &e))?.len();
-            let bytes_bar = bar("upload", size, "bytes");
+            let name = archive.file_name().unwrap_or_default().to_string_lossy();
             let report = client
-                .upload_archive(imageset, archive, |safe| bytes_bar.set_position(safe))
+                .upload_archive(imageset, archive, |safe| {
+                    counter.show(&name, safe / MEGABYTE, size / MEGABYTE, "MB");
+                })
                 .await
                 .map_err(failed)?;
-            bytes_bar.finish_and_clear();
             results.extend(report.results);
         }
+        counter.end();
         if !priors.is_empty() {
             client.put_priors(imageset, priors.clone()).await.map_err(failed)?;
         }

@@ -164,9 +164,9 @@ impl ReducedMatrix {
 
     /// Solves for all columns of `right`; `false` if S is not positive definite or too large.
     fn solve_in_place(mut self, right: &mut [f64]) -> bool {
-        for i in 0..self.num_images {
+        for (_, block) in self.blocks.iter_mut().filter(|((column, row), _)| column == row) {
             for k in 0..POSE_DIM {
-                self.blocks.get_mut(&(i, i)).unwrap()[(k, k)] *= 1.0 + DAMPING;
+                block[(k, k)] *= 1.0 + DAMPING;
             }
         }
         let (starts, rows, values) = self.scalar_columns();
