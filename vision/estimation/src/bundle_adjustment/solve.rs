@@ -16,7 +16,7 @@ pub(super) struct ReducedSystem {
 
 enum Cholesky {
     Dense(DenseCholesky),
-    Sparse(SparseCholesky),
+    Sparse(Box<SparseCholesky>),
 }
 
 impl ReducedSystem {
@@ -31,11 +31,9 @@ impl ReducedSystem {
             });
         }
         let (column_starts, rows) = scalar_pattern(layout, pattern);
-        Some(Self {
-            values: vec![0.0; rows.len()],
-            cholesky: Cholesky::Sparse(SparseCholesky::new(column_starts.clone(), rows, 1)?),
-            column_starts,
-        })
+        let values = vec![0.0; rows.len()];
+        let cholesky = SparseCholesky::new(column_starts.clone(), rows, 1)?;
+        Some(Self { column_starts, values, cholesky: Cholesky::Sparse(Box::new(cholesky)) })
     }
 
     /// Solves `S x = rhs` in place; `false` if S is not positive definite.
