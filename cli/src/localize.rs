@@ -94,14 +94,13 @@ impl Answers {
             Err(error) => AnswerResult::Error { error },
         };
         let answer = Answer { image, result };
-        if !self.json {
+        if self.json {
+            let (done, total) = (self.answers.len() as u64 + 1, self.num_photos as u64);
+            self.counter.show("localize", done, total, "photos");
+        } else {
             print_text(&answer);
         }
         self.answers.push(answer);
-        if self.json {
-            let (done, total) = (self.answers.len() as u64, self.num_photos as u64);
-            self.counter.show("localize", done, total, "photos");
-        }
     }
 
     /// Writes the poses and the answers.

@@ -33,6 +33,7 @@ pub(crate) fn run(args: &ServeArgs, json: bool) -> Outcome {
         ..Config::new(&args.data, own_program()?)
     };
     runtime()?.block_on(async {
+        let interrupted = signalled();
         let server =
             start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
         let listening = Listening {
@@ -44,7 +45,7 @@ pub(crate) fn run(args: &ServeArgs, json: bool) -> Outcome {
             // Whoever started it may have stopped to listen.
             eprintln!("warning: cannot print where the service listens: {error}");
         }
-        signalled().await;
+        interrupted.await;
         server.stop().await;
         Ok(Ending::Done)
     })
@@ -102,14 +103,16 @@ pub(crate) fn runtime() -> Result<tokio::runtime::Runtime, PipelineError> {
     tokio::runtime::Runtime::new().map_err(|e| PipelineError::plain("io", e.to_string()))
 }
 
-/// Ready at the first SIGINT or SIGTERM.
-pub(crate) async fn signalled() {
+/// Ready at the first SIGINT or SIGTERM from now on, not from when it is first polled.
+pub(crate) fn signalled() -> impl Future<Output = ()> {
     use tokio::signal::unix::{SignalKind, signal};
     let (interrupt, terminate) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
-    match (interrupt, terminate) {
-        (Ok(mut interrupt), Ok(mut terminate)) => {
-            tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
+    async {
+        match (interrupt, terminate) {
+            (Ok(mut interrupt), Ok(mut terminate)) => {
+                tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
+            }
+            _ => std::future::pending().await,
         }
-        _ => std::future::pending().await,
     }
 }

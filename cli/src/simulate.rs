@@ -38,13 +38,14 @@ pub(crate) fn run(args: &SimulateArgs) -> Outcome {
     };
     let duration = args.duration.map(Duration::from_secs_f64);
     let summary = runtime()?.block_on(async {
+        let interrupted = signalled();
         let stop = async {
             match duration {
                 Some(duration) => tokio::select! {
                     () = tokio::time::sleep(duration) => {}
-                    () = signalled() => {}
+                    () = interrupted => {}
                 },
-                None => signalled().await,
+                None => interrupted.await,
             }
         };
         simulate(simulation, stop, print_line).await

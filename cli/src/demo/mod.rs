@@ -11,7 +11,7 @@ mod record;
 mod score;
 mod text;
 
-use std::{sync::Arc, time::Duration, time::Instant};
+use std::{pin::pin, sync::Arc, time::Duration, time::Instant};
 
 use volery_api::{Job, Role};
 use volery_client::Client;
@@ -95,6 +95,7 @@ pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
 
 /// Runs the ground station and shows it.
 async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
+    let mut interrupted = pin!(signalled());
     let any_port = ([127, 0, 0, 1], 0).into();
     let mavlink = MavlinkSettings {
         accept_unsigned: true,
@@ -109,7 +110,7 @@ async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
     let server = start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
     let outcome = tokio::select! {
         outcome = present(args, json, folder, &server) => outcome,
-        () = signalled() => {
+        () = &mut interrupted => {
             let detail = format!("interrupted; {} keeps what was done", args.out.display());
             Err(PipelineError::plain(code::CANCELLED, detail))
         }
@@ -117,7 +118,7 @@ async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
     let ending = match outcome {
         Ok((ending, swarm)) => {
             if !args.headless {
-                tokio::select! { () = fly_on(swarm) => {}, () = signalled() => {} }
+                tokio::select! { () = fly_on(swarm) => {}, () = &mut interrupted => {} }
             }
             Ok(ending)
         }
