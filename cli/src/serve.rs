@@ -33,9 +33,9 @@ pub(crate) fn run(args: &ServeArgs, json: bool) -> Outcome {
         ..Config::new(&args.data, own_program()?)
     };
     runtime()?.block_on(async {
-        let interrupted = signalled();
         let server =
             start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
+        let interrupted = signalled();
         let listening = Listening {
             url: server.url(),
             mavlink: server.mavlink_addr(),

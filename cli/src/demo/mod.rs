@@ -95,7 +95,6 @@ pub(crate) fn run(args: &DemoArgs, json: bool) -> Outcome {
 
 /// Runs the ground station and shows it.
 async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
-    let mut interrupted = pin!(signalled());
     let any_port = ([127, 0, 0, 1], 0).into();
     let mavlink = MavlinkSettings {
         accept_unsigned: true,
@@ -108,6 +107,7 @@ async fn serve(args: &DemoArgs, json: bool, folder: &DemoFolder) -> Outcome {
         ..Config::new(folder.join("data"), own_program()?)
     };
     let server = start(config).await.map_err(|e| PipelineError::plain("serve", e.to_string()))?;
+    let mut interrupted = pin!(signalled());
     let outcome = tokio::select! {
         outcome = present(args, json, folder, &server) => outcome,
         () = &mut interrupted => {
