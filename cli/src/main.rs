@@ -1,7 +1,7 @@
 //! The `volery` command. It only wires: every subcommand is a file of its own.
 //!
-//! Exit codes: 0 done; 1 failed or interrupted; 2 wrong usage; 3 done, but not wholly (a map that is suspect or
-//! misses many photos, files that could not be read).
+//! Exit codes: 0 done; 1 failed or interrupted; 2 wrong usage; 3 done, but not wholly (a map that is
+//! suspect or misses many photos, files that could not be read).
 
 mod args;
 mod compare;

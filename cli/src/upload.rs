@@ -14,7 +14,7 @@ use crate::{
     remote::{ending_of, failed, job_line, watch, with_server},
 };
 
-/// Of an archive, in bytes, as it is counted.
+/// Bytes of the unit in which an archive is counted.
 const MEGABYTE: u64 = 1_000_000;
 
 /// What is known of the photos: what the flight knew, and the poses and cameras of a model.
